@@ -34,6 +34,7 @@ class Sensor:
     distortion: tuple[float, ...] = ()  # OpenCV's k1 k2 p1 p2 [k3 ...]; images are undistorted on load
     gamma: float = 1.0  # response: stored value = intensity ** (1 / gamma)
     region_of_interest: Bool[np.ndarray, "height width"] | None = None  # True where parts may lie
+    bit_depth: int | None = None  # full scale of stored integers is 2**bit_depth - 1; None: that of the file, 8 or 16
 
     @property
     def light_count(self) -> int:

@@ -1,0 +1,98 @@
+"""The reason for an answer: every node and determination step, with what was measured and what it was compared with."""
+
+import numpy as np
+from jaxtyping import Float
+
+from itree_jax.detections import Step
+from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, RULE_NAMES
+from itree_jax.tree.classify import Classification
+from itree_jax.tree.determine import remaining_freedom
+from itree_jax.tree.tree import PRUNED, ROOT, InterpretationTree
+
+
+def decision_path(tree: InterpretationTree, said: Classification, region: int, row: int) -> tuple[Step, ...]:
+    """The path of a region to the group of appearance `row`, from the root."""
+    group = int(tree.groups.group_of_view[tree.appearances.view[tree.appearances.attitude[row]]])
+    nodes = path_to(tree, group)
+    steps = [classification_step(tree, said, region, node, group) for node in nodes if tree.nodes.rule[node] != PRUNED]
+    return (*steps, *determination_steps(tree, group))
+
+
+def path_to(tree: InterpretationTree, group: int) -> list[int]:
+    """Nodes from the root to a group."""
+    nodes = tree.nodes
+    through = [k for k in range(len(nodes.branch)) if nodes.visible[k, group] or nodes.hidden[k, group]]
+    return sorted(through, key=lambda k: depth_of(tree, k))
+
+
+def depth_of(tree: InterpretationTree, node: int) -> int:
+    depth = 0
+    while tree.nodes.parent[node] != ROOT:
+        node, depth = int(tree.nodes.parent[node]), depth + 1
+    return depth
+
+
+def classification_step(tree: InterpretationTree, said: Classification, region: int, node: int, group: int) -> Step:
+    """One node: the rule's vector, the mean vectors of both sides, and the margin toward the side taken."""
+    nodes, labels = tree.nodes, tree.groups.label_strings
+    k = RULE_NAMES.index(nodes.rule[node])
+    rule = CLASSIFICATION_RULES[k]
+    measured = np.asarray(said.quantities[k][region], float)
+    kept = ~tree.groups.pruned
+    sides = {"visible": nodes.visible[node] & kept, "hidden": nodes.hidden[node] & kept}
+    taken = bool(nodes.visible[node, group])
+    margin = float(said.node_margin[region, node]) * (1.0 if taken else -1.0)
+    compared = {
+        side: {
+            "groups": [labels[g] for g in np.flatnonzero(members)],
+            **dict(zip(rule.quantity_names, _rounded(side_mean(tree.distributions.samples[k], members)), strict=True)),
+        }
+        for side, members in sides.items()
+    }
+    before = int(np.sum(sides["visible"] | sides["hidden"]))
+    after = int(np.sum(sides["visible"] if taken else sides["hidden"]))
+    return Step(
+        node=node, rule=rule.name,
+        measured=dict(zip(rule.quantity_names, _rounded(measured), strict=True)),
+        compared_with={**compared, "taken": "visible" if taken else "hidden", "branch": nodes.branch[node],
+                       "error_rate": round(float(nodes.error[node]), 4)},
+        margin=round(margin, 3), freedom_before=f"{before} attitude groups", freedom_after=f"{after} attitude groups",
+    )
+
+
+def determination_steps(tree: InterpretationTree, group: int) -> list[Step]:
+    """The group's determination steps with their measured errors and the freedom each takes away."""
+    determination = tree.determination
+    steps, freedom = [], "viewer direction 2, rotation 360 degrees"
+    for rule in determination.steps[group]:
+        after = {
+            "A1": "viewer direction 0, rotation 360 degrees",
+            "A2": "unique",
+            "A4": "viewer direction 0, rotation 2 candidates",
+            "A5": "unique",
+        }[rule]
+        error = float(determination.error[group, determination.rules.index(rule)])
+        steps.append(Step(
+            node=len(tree.nodes.branch) + group, rule=rule, measured=None,
+            compared_with={"group": tree.groups.label_strings[group], "error_rate": round(error, 4)}, margin=None,
+            freedom_before=freedom, freedom_after=after,
+        ))
+        freedom = after
+    left = int(determination.rotations_left[group])
+    if left != 1:
+        steps.append(Step(
+            node=len(tree.nodes.branch) + group, rule="refinement", measured=None,
+            compared_with={"group": tree.groups.label_strings[group], "open": remaining_freedom(left)}, margin=None,
+            freedom_before=freedom, freedom_after="unique",
+        ))
+    return steps
+
+
+def side_mean(samples: Float[np.ndarray, "groups draws d"], members: np.ndarray) -> Float[np.ndarray, "d"]:
+    rows = samples[members].reshape(-1, samples.shape[-1])
+    rows = rows[~np.isnan(rows[:, 0])]
+    return rows.mean(axis=0) if len(rows) else np.full(samples.shape[-1], np.nan)
+
+
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(v), 4) for v in values]

@@ -1,0 +1,60 @@
+"""The symmetries of models_info.json as one finite set of transformations, as BOP does it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+SYMMETRY_STEP = 0.01  # of the diameter: how far a point may lie from its copy at the nearest step, as in BOP
+
+
+@dataclass(frozen=True)
+class SymmetrySet:
+    """Transformations of the model onto itself: every discrete one times steps about the continuous axes."""
+
+    R: Float[np.ndarray, "symmetries 3 3"]  # the identity first
+    t: Float[np.ndarray, "symmetries 3"]  # [mm]
+    continuous_axis: Float[np.ndarray, "3"] | None  # the first one; a turn about it is no rotation error
+
+
+def symmetry_set(info: Mapping[str, Any]) -> SymmetrySet:
+    """From one object's entry of BOP's models_info.json (`symmetries_discrete`, `symmetries_continuous`)."""
+    discrete = [(np.eye(3), np.zeros(3))]
+    for values in info.get("symmetries_discrete", ()):
+        T = _matrix(values)
+        discrete.append((T[:3, :3], T[:3, 3]))
+    turns, axes = [(np.eye(3), np.zeros(3))], []
+    for entry in info.get("symmetries_continuous", ()):
+        axis, offset = _axis(entry)
+        axes.append(axis)
+        turns += _steps(axis, offset)
+    pairs = [(R_a @ R_b, R_a @ t_b + t_a) for R_a, t_a in discrete for R_b, t_b in turns]
+    return SymmetrySet(np.array([R for R, _ in pairs]), np.array([t for _, t in pairs]), axes[0] if axes else None)
+
+
+def _steps(axis: Float[np.ndarray, "3"], offset: Float[np.ndarray, "3"]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Turns about the axis through `offset`, without the identity, in steps of 1 % of the diameter."""
+    count = int(np.ceil(np.pi / SYMMETRY_STEP))
+    R = Rotation.from_rotvec(2 * np.pi * np.arange(1, count)[:, None] / count * axis).as_matrix()
+    return [(r, offset - r @ offset) for r in R]
+
+
+def _matrix(values: Any) -> Float[np.ndarray, "4 4"]:
+    if np.size(values) != 16:
+        raise ItreeError(f"models_info.json: a discrete symmetry has {np.size(values)} numbers; 16 are needed (4x4).")
+    return np.reshape(np.asarray(values, float), (4, 4))
+
+
+def _axis(entry: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        axis, offset = np.asarray(entry["axis"], float), np.asarray(entry["offset"], float)
+    except KeyError as missing:
+        raise ItreeError(f"models_info.json: a continuous symmetry lacks {missing}.") from None
+    length = np.linalg.norm(axis)
+    if axis.shape != (3,) or offset.shape != (3,) or not length > 0:
+        raise ItreeError("models_info.json: a continuous symmetry needs axis (not 0) and offset, 3 numbers each.")
+    return axis / length, offset

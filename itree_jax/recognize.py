@@ -1,0 +1,256 @@
+"""The online story: images -> needle map -> regions -> interpretation tree -> poses (Ikeuchi 1987, sec. 3)."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import numpy as np
+from itree_kernels.errors import ItreeError
+from itree_kernels.mesh import ray_mesh
+from jax.numpy import asarray
+from jaxtyping import Float
+
+from itree_jax.decision_path import decision_path
+from itree_jax.detections import Detection, Detections
+from itree_jax.features.region import RegionFeatures, measure_batch
+from itree_jax.features.window import Window, extract_windows
+from itree_jax.refine.hypotheses import RegionHypotheses, best_of_each_region, agreement, place
+from itree_jax.refine.observed import ObservedMaps, observe
+from itree_jax.refine.optimise import Hypotheses, NormalEquations, RefineModel, refine
+from itree_jax.refine.schedule import Schedule, schedule
+from itree_jax.refine.select import Selection, score_of, select
+from itree_jax.refine.verify import Verdict, verify
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.photometric import photometric_stereo
+from itree_jax.sensing.regions import Regions, depth_noise, regions
+from itree_jax.sensor import Sensor
+from itree_jax.tree.appearances import WINDOW_SIZE, mesh_reach, window_camera
+from itree_jax.tree.classify import Classification, ClassificationArrays, classification_arrays, classify
+from itree_jax.tree.determine import DeterminationArrays, determination_arrays, determine
+from itree_jax.tree.tree import InterpretationTree
+
+BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
+REGION_BATCH = 16  # regions are padded to a multiple, so that few shapes are compiled
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A tree with its arrays on the device. Prepare once, recognise many scenes."""
+
+    tree: InterpretationTree
+    model: RefineModel
+    classification: ClassificationArrays
+    determination: DeterminationArrays
+    pitch: float  # of feature windows [mm]
+
+
+def prepare(tree: InterpretationTree) -> Prepared:
+    """Builds the ray mesh and puts the tree's arrays where they are used."""
+    part = tree.part
+    mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
+    reach = mesh_reach(mesh)
+    model = RefineModel(mesh, asarray(mesh.triangle_normals), reach, part.diameter)
+    return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1])
+
+
+def recognize(
+    trees: InterpretationTree | Prepared | Sequence[InterpretationTree | Prepared],
+    images: Float[np.ndarray, "*batch lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "*batch height width"] | None = None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Detections | list[Detections]:
+    """Poses of the parts in the images.
+
+    Args:
+        trees: one compiled tree or several; `prepare` them first when many calls follow.
+        images: linear intensities, 1.0 = full scale, one per light; a leading batch axis gives a list.
+        sensor: the camera and lights that took the images.
+        depth: z [mm] per pixel, 0 = none.
+        R_w2c: world (z up) to camera, for the order in which answers are offered: highest first.
+
+    Returns finished results (the call blocks until they are there).
+
+    Raises:
+        ItreeError: no depth map is given (recognition without one is not there yet), or shapes don't fit the sensor.
+    """
+    prepared = [p if isinstance(p, Prepared) else prepare(p) for p in (trees if isinstance(trees, Sequence) else [trees])]
+    images = np.asarray(images, np.float32)
+    _check_shapes(images, depth, sensor)
+    if images.ndim == 4:
+        depths = [None] * len(images) if depth is None else depth
+        return [recognize_one(prepared, i, sensor, d, R_w2c) for i, d in zip(images, depths, strict=True)]
+    return recognize_one(prepared, images, sensor, depth, R_w2c)
+
+
+def recognize_one(
+    prepared: Sequence[Prepared],
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Detections:
+    """One image under each light -> its detections. See `recognize`."""
+    start = time.perf_counter()
+    if depth is None:
+        raise ItreeError("recognition needs a depth map for now: give depth= (z in mm per pixel, 0 = none)")
+    depth = np.asarray(depth, np.float32)
+    needle = photometric_stereo(images, sensor.light_directions, sensor.light_intensities, sensor.noise, sensor.slant_limit)
+    needle = NeedleMap(*(np.asarray(a) for a in needle))
+    found = regions(needle, depth, sensor, R_w2c)
+    noise = depth_noise(depth, depth > 0)
+    answers = [interpret(p, found, needle, depth, sensor, noise) for p in prepared] if found.count else []
+    detections = describe(answers, found, sensor)
+    recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
+    unexplained = tuple(
+        {"region": r, "reason": best_reason(answers, r), "height_mm": float(found.height[r])}
+        for r in range(found.count) if r not in recognised
+    )
+    return Detections(detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained)
+
+
+@dataclass(frozen=True)
+class Interpretation:
+    """What one tree makes of the regions of one image."""
+
+    prepared: Prepared
+    features: RegionFeatures
+    classification: Classification
+    hypotheses: RegionHypotheses  # refined; those that reached the last verification
+    equations: NormalEquations
+    verdict: Verdict
+    selection: Selection
+
+
+def interpret(
+    prepared: Prepared, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor,
+    noise: float,
+) -> Interpretation:
+    """Regions -> groups -> attitudes -> refined and verified poses, all regions in one batch."""
+    tree = prepared.tree
+    features, R_ray_cam = region_features(found, needle, sensor, prepared.pitch)
+    classification = classify(features, prepared.classification)
+    candidates = determine(
+        features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
+    )
+    hypotheses = as_hypotheses(candidates, tree, found, R_ray_cam, sensor)
+    plan = schedule(sensor, tree.part.diameter, noise, tree.spacing)
+    observed = observe(np.asarray(needle.normals) * needle.interpretable[..., None], needle_weight(needle), depth, plan.jump)
+    hypotheses, equations = narrow(hypotheses, prepared.model, observed, sensor, plan)
+    tolerances = plan.rounds[-1].tolerances
+    verdict, origin, stride = verify(
+        hypotheses.poses, prepared.model, observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+    )
+    least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
+    selection = select(verdict, origin, stride, depth.shape, least)
+    return Interpretation(prepared, features, classification, hypotheses, equations, verdict, selection)
+
+
+def region_features(
+    found: Regions, needle: NeedleMap, sensor: Sensor, pitch: float
+) -> tuple[RegionFeatures, Float[np.ndarray, "regions 3 3"]]:
+    """Work models of all regions (padded to a batch by repeating the first), and their viewing-ray frames."""
+    windows, R_ray_cam = extract_windows(
+        found.labels, np.asarray(needle.normals, np.float32), np.arange(found.count), found.centroid_uv,
+        found.mean_depth, sensor.camera, pitch, WINDOW_SIZE,
+    )
+    extra = -found.count % REGION_BATCH
+    padded = Window(*(np.concatenate([a, np.repeat(np.asarray(a)[:1], extra, axis=0)]) for a in windows))
+    return measure_batch(padded), R_ray_cam
+
+
+def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
+    """How far a needle is believed: interpretable, and of the albedo of the other parts' surfaces."""
+    return np.where(needle.interpretable, 1.0, 0.0).astype(np.float32)
+
+
+def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_cam, sensor: Sensor) -> RegionHypotheses:
+    """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
+    R_ray_obj, row, score = (np.asarray(c)[: found.count] for c in candidates)
+    # a part with few appearances leaves places in the list: they repeat the region's best
+    empty = ~np.isfinite(score)
+    best = np.argmax(score, axis=1)[:, None]
+    pick = np.where(empty, best, np.arange(score.shape[1])[None])
+    R_ray_obj = np.take_along_axis(R_ray_obj, pick[..., None, None], axis=1)
+    row = np.take_along_axis(row, pick, axis=1)
+    X_region = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+    R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam, X_region)
+    region = np.repeat(np.arange(found.count), row.shape[1])
+    poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
+    return RegionHypotheses(poses, region, row.reshape(-1), np.where(empty, -np.inf, score).reshape(-1))
+
+
+def narrow(
+    hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, plan: Schedule
+) -> tuple[RegionHypotheses, NormalEquations]:
+    """Rounds of refining, verifying and keeping the best of every region."""
+    equations = None
+    for step in plan.rounds:
+        poses, equations = refine(
+            hypotheses.poses, model, observed, sensor.camera, plan.deviations, [step.stage], plan.jump
+        )
+        hypotheses = hypotheses._replace(poses=poses)
+        verdict, _, _ = verify(poses, model, observed, sensor.camera, step.tolerances, step.stage.size, plan.jump)
+        kept = best_of_each_region(agreement(verdict), hypotheses, step.keep, model.diameter)
+        hypotheses = hypotheses.take(kept)
+        equations = NormalEquations(*(e[kept] for e in equations))
+    assert equations is not None
+    return hypotheses, equations
+
+
+def describe(answers: Sequence[Interpretation], found: Regions, sensor: Sensor) -> tuple[Detection, ...]:
+    """Accepted hypotheses of all trees as detections, the highest region offered first."""
+    detections = []
+    for answer in answers:
+        tree = answer.prepared.tree
+        for h in answer.selection.accepted:
+            region = int(answer.hypotheses.region[h])
+            R, t = (np.asarray(a[h], float) for a in answer.hypotheses.poses)
+            std = twist_deviation(answer.equations.hessian[h])
+            detections.append(Detection(
+                scene_id=0, im_id=0, obj_id=tree.obj_id, score=float(answer.selection.score[h]),
+                R_cam_obj=nearest_rotation(R), t_cam_obj=t,
+                decision_path=decision_path(tree, answer.classification, region, int(answer.hypotheses.row[h])),
+                agreeing=int(answer.verdict.agreeing[h]), contradicting=int(answer.verdict.contradicting[h]),
+                hidden=int(answer.verdict.hidden[h]), height=float(found.height[region]),
+                rotation_std=std[:3], translation_std=std[3:],
+            ))
+    order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
+    rank = {k: position for position, k in enumerate(order)}
+    return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
+
+
+def twist_deviation(hessian: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6"]:
+    """Standard deviations of (omega [rad], v [mm]); infinite along directions nothing constrains."""
+    values, vectors = np.linalg.eigh(np.asarray(hessian, float))
+    free = values < 1e-9 * max(float(values.max()), 1e-12)
+    variance = np.where(free, np.inf, 1.0 / np.maximum(values, 1e-300))
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.nansum(np.where(vectors**2 > 1e-12, vectors**2 * variance, 0.0), axis=1))
+
+
+def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Takes the rounding of many float32 products out of a rotation."""
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
+
+
+def best_reason(answers: Sequence[Interpretation], region: int) -> str:
+    """Why no hypothesis of a region was accepted: that of its best one."""
+    reasons = [
+        (float(a.selection.score[h]), a.selection.reason[h])
+        for a in answers for h in np.flatnonzero(a.hypotheses.region == region)
+    ]
+    return max(reasons)[1] if reasons else "no hypothesis"
+
+
+def _check_shapes(images: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:
+    expected = (sensor.light_count, sensor.camera.height, sensor.camera.width)
+    if images.ndim not in (3, 4) or images.shape[-3:] != expected:
+        raise ItreeError(
+            f"images have shape {images.shape}; the sensor's are [lights, height, width] = {list(expected)}, "
+            "with at most one leading batch axis"
+        )
+    if depth is not None and np.shape(depth) != (*images.shape[:-3], *expected[1:]):
+        raise ItreeError(f"the depth map has shape {np.shape(depth)}, the images {images.shape}")

@@ -1,0 +1,98 @@
+"""What the scene measured, laid out for refinement and verification: needles, depth, and the occluding edges."""
+
+from typing import NamedTuple
+
+import cv2
+import jax.numpy as jnp
+import numpy as np
+from itree_kernels.camera import Camera
+from jaxtyping import Array, Bool, Float, Int
+
+EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
+EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over this neighbourhood (pixel steps are 90 degrees)
+
+
+class ObservedMaps(NamedTuple):
+    """Arrays of one image. Depth is 0 where there is none; normals are 0 where uninterpretable."""
+
+    depth: Float[Array, "height width"]  # z [mm]
+    normals: Float[Array, "height width 3"]  # camera frame
+    needle_weight: Float[Array, "height width"]  # 0..1, 0 where uninterpretable
+    edge_label: Int[Array, "height2 width2"]  # nearest occluding edge point of each half pixel
+    edge_uv: Float[Array, "edges 2"]  # [px]
+    edge_normal: Float[Array, "edges 2"]  # unit, from the near to the far side
+    edge_depth: Float[Array, "edges"]  # z of the near side [mm]
+
+
+class CameraArrays(NamedTuple):
+    """A camera as numbers that a compiled function takes, so that another camera compiles nothing anew."""
+
+    fx: Float[Array, ""]
+    fy: Float[Array, ""]
+    cx: Float[Array, ""]
+    cy: Float[Array, ""]
+    pinhole: Float[Array, ""]  # 1 pinhole, 0 orthographic
+
+
+def camera_arrays(camera: Camera) -> CameraArrays:
+    values = (camera.fx, camera.fy, camera.cx, camera.cy, 0.0 if camera.is_orthographic else 1.0)
+    return CameraArrays(*(jnp.float32(v) for v in values))
+
+
+def occluding_edges(
+    depth: Float[np.ndarray, "height width"], jump: float
+) -> tuple[Float[np.ndarray, "edges 2"], Float[np.ndarray, "edges 2"], Float[np.ndarray, "edges"]]:
+    """Half-pixel points (u, v) [px] where depth steps by more than `jump` [mm], their directions and near depths.
+
+    The direction points from the near to the far side, in the image.
+    """
+    height, width = depth.shape
+    known = depth > 0
+    toward = np.zeros((height, width, 2), np.float32)
+    points = []
+    for axis in (1, 0):
+        a, b = (depth[:, :-1], depth[:, 1:]) if axis == 1 else (depth[:-1], depth[1:])
+        both = (known[:, :-1] & known[:, 1:]) if axis == 1 else (known[:-1] & known[1:])
+        step = b - a
+        i, j = np.nonzero(both & (np.abs(step) > jump))
+        sign = np.sign(step[i, j])
+        component = 0 if axis == 1 else 1
+        np.add.at(toward[..., component], (i, j), sign)
+        offset = np.array([0.5, 0.0]) if axis == 1 else np.array([0.0, 0.5])
+        points.append((np.stack([j, i], axis=-1) + offset, np.minimum(a[i, j], b[i, j]), i, j))
+    smooth = cv2.GaussianBlur(toward, (0, 0), EDGE_NORMAL_SMOOTHING)
+    uv = np.concatenate([p[0] for p in points])
+    near = np.concatenate([p[1] for p in points])
+    direction = np.concatenate([smooth[p[2], p[3]] for p in points])
+    length = np.linalg.norm(direction, axis=-1, keepdims=True)
+    keep = length[:, 0] > 1e-6
+    return uv[keep], (direction / np.maximum(length, 1e-6))[keep], near[keep]
+
+
+def observe(
+    normals: Float[np.ndarray, "height width 3"],
+    needle_weight: Float[np.ndarray, "height width"],
+    depth: Float[np.ndarray, "height width"],
+    jump: float,
+    known: Bool[np.ndarray, "height width"] | None = None,
+) -> ObservedMaps:
+    """Prepares one image. `jump` [mm]: the least depth step that counts as an occluding edge."""
+    uv, direction, near = occluding_edges(depth, jump)
+    height, width = depth.shape
+    grid = np.full((2 * height, 2 * width), 255, np.uint8)
+    half = np.round(2 * uv).astype(int)
+    grid[half[:, 1], half[:, 0]] = 0
+    count = len(uv)
+    size = max(1, -(-count // EDGE_TABLE)) * EDGE_TABLE
+    table = np.full((size, 5), 1e6, np.float32)
+    label = np.zeros(grid.shape, np.int32)
+    if count:
+        _, nearest = cv2.distanceTransformWithLabels(grid, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        index_of = np.zeros(nearest.max() + 1, np.int32)
+        index_of[nearest[half[:, 1], half[:, 0]]] = np.arange(count)
+        label = index_of[nearest]
+        table[:count] = np.concatenate([uv, direction, near[:, None]], axis=1)
+    return ObservedMaps(
+        jnp.asarray(depth, jnp.float32), jnp.asarray(normals, jnp.float32), jnp.asarray(needle_weight, jnp.float32),
+        jnp.asarray(label), jnp.asarray(table[:, :2]), jnp.asarray(table[:, 2:4]), jnp.asarray(table[:, 4]),
+    )

@@ -1,0 +1,86 @@
+"""Images on disk -> linear float intensity, and back."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from itree_kernels.camera import Camera
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float, Num, UInt
+
+IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
+
+
+def read_image(path: Path) -> Num[np.ndarray, "height width"]:
+    """A single-channel image as stored: uint8, uint16 or float. Three equal channels count as one.
+
+    Raises `ItreeError` if it cannot be read or has colour.
+    """
+    try:
+        if path.suffix == ".npy":
+            image = np.load(path, allow_pickle=False)
+        else:
+            image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, ValueError, cv2.error) as error:
+        raise ItreeError(f"{path}: the image cannot be read ({error})") from error
+    if image is None:
+        raise ItreeError(f"{path}: not an image, or a kind that is not understood; use 8- or 16-bit PNG")
+    if image.ndim == 3:
+        colours = image[..., :3]
+        if (colours != colours[..., :1]).any():
+            raise ItreeError(
+                f"{path}: the image has colour, but photometric stereo needs one linear intensity per pixel; luma is "
+                "gamma-coded and hides a saturated channel: store one channel (raw green or a monochrome camera)"
+            )
+        image = colours[..., 0]
+    if image.ndim != 2:
+        raise ItreeError(f"{path}: an image of height x width is expected, its shape is {image.shape}")
+    return image
+
+
+def read_intensity(path: Path, bit_depth: int | None = None, gamma: float = 1.0) -> Float[np.ndarray, "height width"]:
+    """Linear float32 intensity, 1.0 = full scale.
+
+    Full scale of an integer image is 2^bit_depth - 1 (default: its type's), of a float image 1.0. `gamma` undoes a
+    response stored = intensity^(1/gamma). Raises `ItreeError` if values exceed the stated bit depth or are not finite.
+    """
+    image = read_image(path)
+    if image.dtype.kind == "f":
+        intensity = image.astype(np.float64)
+    elif image.dtype in (np.uint8, np.uint16):
+        full_scale = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
+        if image.max(initial=0) > full_scale:
+            raise ItreeError(f"{path}: the value {image.max()} is above full scale of {bit_depth} bits ({full_scale})")
+        intensity = image / float(full_scale)
+    else:
+        raise ItreeError(f"{path}: images must be 8-bit, 16-bit or float, this one is {image.dtype}")
+    if not np.isfinite(intensity).all():
+        raise ItreeError(f"{path}: the image has values that are not finite")
+    if gamma != 1.0:
+        intensity = np.maximum(intensity, 0.0) ** gamma
+    return intensity.astype(np.float32)
+
+
+def undistorted(
+    image: Float[np.ndarray, "height width"], camera: Camera, distortion: tuple[float, ...], nearest: bool = False
+) -> Float[np.ndarray, "height width"]:
+    """The image of the ideal camera with the same matrix; 0 where the lens shows nothing.
+
+    Depth maps are taken at the `nearest` pixel: between a part and the floor there is no depth to interpolate.
+    """
+    if not any(distortion):
+        return image
+    K = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    u, v = cv2.initUndistortRectifyMap(
+        K, np.array(distortion), np.eye(3), K, (camera.width, camera.height), cv2.CV_32FC1
+    )
+    interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+    return cv2.remap(image, u, v, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+
+
+def png_bytes(image: UInt[np.ndarray, "height width"]) -> bytes:
+    """PNG file content of an 8- or 16-bit image."""
+    ok, content = cv2.imencode(".png", image)
+    if not ok:
+        raise ItreeError(f"an image of shape {image.shape} and type {image.dtype} cannot be stored as PNG")
+    return content.tobytes()

@@ -1,0 +1,72 @@
+"""Light directions: checked at the door, and what they say about slants and shadows."""
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+UNIT_TOLERANCE = 1e-3  # a direction printed with four digits is unit to this
+MAX_CONDITION = 100.0  # beyond, 1 % of error in an intensity could turn a normal anywhere: no three lights in space
+SLANT_GUARD = np.radians(13.0)  # see `slant_limit_of`
+
+
+def checked_lights(directions: object, intensities: object, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions `[lights, 3]` toward the lights in the camera frame and intensities `[lights]`, or an error.
+
+    Raises `ItreeError` with the file (`where`) and the light: fewer than three lights, not unit (beyond 1e-3; a
+    smaller deviation is normalised away), behind the camera's back (z >= 0: it would light what the camera cannot
+    see), directions in one plane through the scene or twice the same (normals could not be solved for).
+    """
+    L, e = _as_arrays(directions, intensities, where)
+    norms = np.linalg.norm(L, axis=1)
+    for i, (light, norm) in enumerate(zip(L, norms, strict=True)):
+        if not abs(norm - 1.0) < UNIT_TOLERANCE:
+            raise ItreeError(f"{where}: light direction {i} must be a unit vector, its norm is {norm:.6g}")
+        if light[2] >= 0.0:
+            raise ItreeError(
+                f"{where}: light {i} is behind the scene (z = {light[2]:.4g}): directions point from the scene toward "
+                "the light in the camera frame (z forward), so z must be negative"
+            )
+    condition = float(np.linalg.cond(L))
+    if not condition < MAX_CONDITION:
+        raise ItreeError(
+            f"{where}: the light directions lie in one plane or coincide (condition number {condition:.3g}, at most "
+            f"{MAX_CONDITION:.0f}); photometric stereo needs three lights that span space"
+        )
+    for i, value in enumerate(e):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ItreeError(f"{where}: the intensity of light {i} must be positive, it is {value:.6g}")
+    return L / norms[:, None], e
+
+
+def _as_arrays(directions: object, intensities: object, where: str) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        L = np.asarray(directions, dtype=np.float64)
+        e = np.ones(len(L)) if intensities is None else np.asarray(intensities, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ItreeError(f"{where}: light directions and intensities must be numbers ({error})") from error
+    if L.ndim != 2 or L.shape[1] != 3:
+        raise ItreeError(f"{where}: light directions must be a list of [x, y, z], their shape is {L.shape}")
+    if len(L) < 3:
+        raise ItreeError(f"{where}: photometric stereo needs three or more lights, there are {len(L)}")
+    if e.shape != (len(L),):
+        raise ItreeError(f"{where}: there are {len(L)} light directions but intensities of shape {e.shape}")
+    return L, e
+
+
+def slant_limit_of(light_directions: Float[np.ndarray, "lights 3"]) -> float:
+    """A slant limit [rad] for a sensor that states none: the attached-shadow cone less a guard of 13 degrees.
+
+    A surface slanted away from light i is in its attached shadow from 90 degrees minus the light's angle off the axis
+    on, in the worst azimuth; so all lights see every azimuth up to 90 degrees minus the largest such angle. Near that
+    cone the darkest light is a few hundredths of the brightest, within reach of interreflection. 13 degrees of
+    guard keep it above a fifth (sin 13 = 0.22), where interreflection (8 % of full scale at its 90th percentile) stays
+    below it, and give 42 degrees for lights 35 degrees off the axis, the setting of the paper's part.
+    """
+    off_axis = np.arccos(np.clip(-light_directions[:, 2], -1.0, 1.0)).max()
+    limit = np.pi / 2 - off_axis - SLANT_GUARD
+    if limit <= 0.0:
+        raise ItreeError(
+            f"a light is {np.degrees(off_axis):.0f} degrees off the optical axis: no slant is seen by all lights; "
+            "state slant_limit_deg in a sensor JSON or move the light toward the camera"
+        )
+    return float(limit)

@@ -1,0 +1,217 @@
+"""Regions: connected pieces of surface that the needle map tells about (Ikeuchi 1987, sec. 4.2).
+
+A region is an 8-connected set of interpretable pixels within the slant limit, cut at depth discontinuities and larger
+than the sensor's smallest region. Floor and bin make regions too: what a region belongs to is for recognition to say.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensor import Sensor
+
+NO_REGION = -1
+HEIGHT_PERCENTILE = 90.0  # the top of a region, without its few highest (noisiest) pixels
+# A neighbour is cut off beyond two sigma of depth noise. One in twenty neighbours on the same surface is cut off too,
+# which disconnects nothing (each has seven more); a higher limit lets one noisy pixel bridge a step.
+DEPTH_SIGMAS = 2.0
+NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows, columns: half of the eight, each pair once
+
+
+@dataclass(frozen=True)
+class Regions:
+    """The regions of one image, the highest first. NaN where there is no depth."""
+
+    labels: Int[np.ndarray, "height width"]  # int32: index of the region, NO_REGION where none
+    area_px: Int[np.ndarray, "regions"]
+    area_mm2: Float[np.ndarray, "regions"]  # in the image plane, at the region's depth (else the working distance)
+    centroid_uv: Float[np.ndarray, "regions 2"]  # [px]
+    mean_normal: Float[np.ndarray, "regions 3"]  # unit, camera frame
+    mean_depth: Float[np.ndarray, "regions"]  # z [mm]
+    height: Float[np.ndarray, "regions"]  # [mm] above the plane at the working distance: 90th percentile
+    bbox: Int[np.ndarray, "regions 4"]  # x, y, width, height [px]
+
+    @property
+    def count(self) -> int:
+        return len(self.area_px)
+
+    def mask(self, region: int) -> Bool[np.ndarray, "height width"]:
+        return self.labels == region
+
+
+def regions(
+    needle: NeedleMap,
+    depth: Float[np.ndarray, "height width"] | None,
+    sensor: Sensor,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Regions:
+    """The regions of a needle map, sorted by falling height. Runs on the host.
+
+    `depth` is z [mm], 0 = none. Height is measured along the world's z axis if `R_w2c` (world z up) is given, else
+    toward the camera, from the plane that the optical axis meets at the working distance. Without a depth map nothing
+    is cut by depth, height and depth are NaN, and the largest region comes first. Raises `ItreeError` if the sizes of
+    needle map, depth map and region of interest differ.
+    """
+    normals = np.asarray(needle.normals, dtype=np.float64)
+    _check_sizes(normals, depth, sensor)
+    mask = detectable(needle, sensor)
+    labels = _connected(mask, depth, sensor)
+    depth = np.full(mask.shape, np.nan) if depth is None else np.where(depth > 0.0, depth, np.nan).astype(np.float64)
+    heights = _heights(depth, sensor, R_w2c)
+    members = _members(labels, _least_pixels(depth, sensor))
+    found = [_describe(pixels, normals, depth, heights, sensor) for pixels in members]
+    kept = [k for k, region in enumerate(found) if region["area_mm2"] >= sensor.smallest_region]
+    # NaN (no depth) last; then the larger, then the first in the image.
+    kept.sort(key=lambda k: (-np.nan_to_num(found[k]["height"], nan=-np.inf), -found[k]["area_px"], k))
+    return Regions(
+        labels=_relabelled(mask.shape, [members[k] for k in kept]),
+        area_px=np.array([found[k]["area_px"] for k in kept], dtype=np.int64),
+        area_mm2=np.array([found[k]["area_mm2"] for k in kept], dtype=np.float64),
+        centroid_uv=np.array([found[k]["centroid_uv"] for k in kept], dtype=np.float64).reshape(-1, 2),
+        mean_normal=np.array([found[k]["mean_normal"] for k in kept], dtype=np.float64).reshape(-1, 3),
+        mean_depth=np.array([found[k]["mean_depth"] for k in kept], dtype=np.float64),
+        height=np.array([found[k]["height"] for k in kept], dtype=np.float64),
+        bbox=np.array([found[k]["bbox"] for k in kept], dtype=np.int64).reshape(-1, 4),
+    )
+
+
+def detectable(needle: NeedleMap, sensor: Sensor) -> Bool[np.ndarray, "height width"]:
+    """Interpretable, slanted to its own viewing ray by less than the limit, and in the region of interest."""
+    normals = np.asarray(needle.normals, dtype=np.float64)
+    v, u = np.indices(normals.shape[:2])
+    toward_viewer = -sensor.camera.viewing_ray(np.stack([u, v], axis=-1).astype(np.float64))
+    mask = np.asarray(needle.interpretable) & ((normals * toward_viewer).sum(-1) > np.cos(sensor.slant_limit))
+    return mask if sensor.region_of_interest is None else mask & sensor.region_of_interest
+
+
+def depth_noise(depth: Float[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"]) -> float:
+    """Standard deviation [mm] of a depth map's noise: median absolute second difference along rows, within the mask.
+
+    Second differences vanish on a plane, whatever its slant, and the median forgets the steps. 0 without pixels.
+    """
+    known = mask & (depth > 0.0)
+    three = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
+    second = (depth[:, :-2] - 2.0 * depth[:, 1:-1] + depth[:, 2:])[three]
+    if second.size == 0:
+        return 0.0
+    return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0))  # MAD of a Gaussian; variance 1 + 4 + 1
+
+
+def depth_step_limit(
+    depth: Float[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"], sensor: Sensor
+) -> float:
+    """How much [mm] two neighbouring pixels of one surface may differ in depth.
+
+    One pixel of slope at the slant limit, plus two sigma of the noise of the difference, plus one step of the map's own
+    quantisation (coarse steps hide the noise).
+    """
+    known = depth[mask & (depth > 0.0)]
+    z = float(np.median(known)) if known.size else sensor.working_distance
+    slope = sensor.camera.mm_per_px(z) * np.tan(sensor.slant_limit)
+    return float(slope + DEPTH_SIGMAS * np.sqrt(2.0) * depth_noise(depth, mask) + _quantum(known))
+
+
+def _quantum(known: Float[np.ndarray, "pixels"]) -> float:
+    steps = np.diff(np.unique(known))
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _check_sizes(normals: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:
+    shape = (sensor.camera.height, sensor.camera.width)
+    if normals.shape != (*shape, 3):
+        raise ItreeError(f"the needle map has shape {normals.shape}, the sensor's images {shape}; give one at a time")
+    if depth is not None and depth.shape != shape:
+        raise ItreeError(f"the depth map has shape {depth.shape}, the sensor's images {shape}")
+    if sensor.region_of_interest is not None and sensor.region_of_interest.shape != shape:
+        raise ItreeError(f"the region of interest has shape {sensor.region_of_interest.shape}, the images {shape}")
+
+
+def _connected(
+    mask: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None, sensor: Sensor
+) -> Int[np.ndarray, "height width"]:
+    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it."""
+    index = np.full(mask.shape, NO_REGION)
+    index[mask] = np.arange(mask.sum())
+    limit = np.inf if depth is None else depth_step_limit(depth, mask, sensor)
+    pairs = [_linked(index, depth, rows, columns, limit) for rows, columns in NEIGHBOURS]
+    i, j = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(mask.sum(), mask.sum()))
+    labels = np.full(mask.shape, NO_REGION)
+    labels[mask] = connected_components(graph, directed=False)[1] if mask.any() else 0
+    return labels
+
+
+def _linked(
+    index: Int[np.ndarray, "height width"],
+    depth: Float[np.ndarray, "height width"] | None,
+    rows: int,
+    columns: int,
+    limit: float,
+) -> Int[np.ndarray, "2 pairs"]:
+    """Pairs of neighbours that belong together: both in the mask, no step between (an unknown depth makes none)."""
+    height, width = index.shape
+    left, right = max(0, -columns), width - max(0, columns)
+    here = (slice(0, height - rows), slice(left, right))
+    there = (slice(rows, height), slice(left + columns, right + columns))
+    both = (index[here] >= 0) & (index[there] >= 0)
+    if depth is not None:
+        known = (depth[here] > 0.0) & (depth[there] > 0.0)
+        step = np.abs(depth[here].astype(np.float64) - depth[there])
+        both &= ~known | (step <= limit * np.hypot(rows, columns))
+    return np.stack([index[here][both], index[there][both]])
+
+
+def _least_pixels(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> float:
+    """Fewer pixels are no region even at the greatest depth."""
+    greatest = np.nanmax(depth) if np.isfinite(depth).any() else sensor.working_distance
+    return sensor.smallest_region / sensor.camera.mm_per_px(float(greatest)) ** 2
+
+
+def _members(labels: Int[np.ndarray, "height width"], least_pixels: float) -> list[np.ndarray]:
+    """Flat pixel indices of each label that has enough of them, in image order."""
+    flat = labels.ravel()
+    inside = np.flatnonzero(flat >= 0)
+    order = inside[np.argsort(flat[inside], kind="stable")]
+    ends = np.flatnonzero(np.diff(flat[order])) + 1
+    return [pixels for pixels in np.split(order, ends) if pixels.size and pixels.size >= least_pixels]
+
+
+def _heights(
+    depth: Float[np.ndarray, "height width"], sensor: Sensor, R_w2c: Float[np.ndarray, "3 3"] | None
+) -> Float[np.ndarray, "height width"]:
+    up = np.array([0.0, 0.0, -1.0]) if R_w2c is None else R_w2c[:, 2]
+    v, u = np.indices(depth.shape)
+    X_cam = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(np.float64), depth)
+    return (X_cam - np.array([0.0, 0.0, sensor.working_distance])) @ up
+
+
+def _describe(
+    pixels: Int[np.ndarray, "pixels"], normals: np.ndarray, depth: np.ndarray, heights: np.ndarray, sensor: Sensor
+) -> dict:
+    v, u = np.unravel_index(pixels, depth.shape)
+    z = depth[v, u]
+    known = np.isfinite(z)
+    mean_depth = float(z[known].mean()) if known.any() else np.nan
+    total = normals[v, u].sum(axis=0)
+    scale = sensor.camera.mm_per_px(mean_depth if known.any() else sensor.working_distance)
+    return {
+        "area_px": len(pixels),
+        "area_mm2": len(pixels) * scale**2,
+        "centroid_uv": (u.mean(), v.mean()),
+        "mean_normal": total / np.linalg.norm(total),
+        "mean_depth": mean_depth,
+        "height": float(np.percentile(heights[v, u][known], HEIGHT_PERCENTILE)) if known.any() else np.nan,
+        "bbox": (u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1),
+    }
+
+
+def _relabelled(shape: tuple[int, ...], members: list[np.ndarray]) -> Int[np.ndarray, "height width"]:
+    labels = np.full(shape, NO_REGION, dtype=np.int32)
+    for k, pixels in enumerate(members):
+        labels.flat[pixels] = k
+    return labels

@@ -1,0 +1,211 @@
+"""Scene folders in the BOP layout with the lights beside them -> `Scene`: what the cameras saw of one bin state."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from itree_kernels.camera import Camera
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+from itree_jax.sensing.bundled import SMALLEST_REGION
+from itree_jax.sensing.image_file import IMAGE_SUFFIXES, read_image, read_intensity, undistorted
+from itree_jax.sensing.lights import checked_lights, slant_limit_of
+from itree_jax.sensor import Noise, Sensor
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One image under each light of one bin state."""
+
+    scene_id: int
+    im_id: int
+    images: Float[np.ndarray, "lights height width"]  # float32, linear, 1.0 = full scale, undistorted
+    depth: Float[np.ndarray, "height width"] | None  # float32 z [mm], 0 = none
+    sensor: Sensor
+    R_w2c: Float[np.ndarray, "3 3"] | None  # X_cam = R_w2c X_world + t_w2c, world z up
+    folder: Path | None
+    t_w2c: Float[np.ndarray, "3"] | None = None  # [mm]
+
+
+def scene_folders(path: str | Path) -> list[Path]:
+    """The scene folders at `path`, sorted: a dataset (its `test` folder), a folder of scenes, or one scene folder."""
+    path = Path(path)
+    if not path.is_dir():
+        raise ItreeError(f"{path}: there is no such folder of scenes")
+    if (path / "scene_camera.json").is_file():
+        return [path]
+    base = path / "test" if (path / "test").is_dir() else path
+    found = sorted(camera_file.parent for camera_file in base.glob("*/scene_camera.json"))
+    if not found:
+        raise ItreeError(f"{base}: no scene folder with a scene_camera.json is in it")
+    return found
+
+
+def load_scene(
+    folder: str | Path, noise: Noise | None = None, *, sensor: Sensor | None = None, im_id: int = 0
+) -> Scene:
+    """Images, depth, camera and lights of camera image `im_id` of a scene folder.
+
+    The folder tells the camera matrix, the lights, and where the camera stands. What it cannot tell (distortion,
+    response, bit depth, slant limit, smallest region, region of interest, noise) is taken from `sensor` if given, else
+    it is the default of `sensor_of_scene`; `noise` overrides both. Images are linearised and undistorted, not divided
+    by the light intensities. A depth map is undistorted as the images are (same camera). Raises `ItreeError`.
+    """
+    folder = Path(folder)
+    own = sensor_of_scene(folder, im_id) if sensor is None else _with_response_of(folder, im_id, sensor)
+    if noise is not None:
+        own = replace(own, noise=noise)
+    paths = _image_paths(folder, im_id)
+    if len(paths) != own.light_count:
+        raise ItreeError(
+            f"{folder}: scene_lights.json tells {own.light_count} lights for image {im_id}, but lit/ has {len(paths)} "
+            "images of it"
+        )
+    images = np.stack([_load_image(path, own) for path in paths])
+    R_w2c, t_w2c = _camera_pose(folder, im_id)
+    depth = _load_depth(folder, im_id)
+    if depth is not None:
+        _check_size(folder / "depth", depth, own.camera)
+        depth = undistorted(depth, own.camera, own.distortion, nearest=True)
+    scene_id = int(folder.name) if folder.name.isdecimal() else 0
+    return Scene(scene_id, im_id, images, depth, own, R_w2c, folder, t_w2c)
+
+
+def sensor_of_scene(folder: str | Path, im_id: int = 0) -> Sensor:
+    """The sensor that a scene folder describes, with the defaults for what it cannot tell.
+
+    Noise is `Noise()`, the slant limit `slant_limit_of` the lights, the smallest region 60 mm^2. The working distance
+    is that of the world's plane z = 0 along the optical axis if the folder says where the camera stands, else the
+    median of the depth map. Raises `ItreeError` if neither is there.
+    """
+    folder = Path(folder)
+    camera = _camera(folder, im_id)
+    directions, intensities = _lights(folder, im_id)
+    return Sensor(
+        camera=camera,
+        light_directions=directions,
+        light_intensities=intensities,
+        noise=Noise(),
+        slant_limit=slant_limit_of(directions),
+        smallest_region=SMALLEST_REGION,
+        working_distance=_working_distance(folder, im_id),
+    )
+
+
+def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
+    directions, intensities = _lights(folder, im_id)
+    camera = _camera(folder, im_id)
+    size, sensor_size = (camera.width, camera.height), (sensor.camera.width, sensor.camera.height)
+    if sensor.region_of_interest is not None and size != sensor_size:
+        raise ItreeError(f"{folder}: images are {size} px, the sensor's region of interest is for {sensor_size} px")
+    return replace(sensor, camera=camera, light_directions=directions, light_intensities=intensities)
+
+
+def _load_image(path: Path, sensor: Sensor) -> Float[np.ndarray, "height width"]:
+    image = read_intensity(path, sensor.bit_depth, sensor.gamma)
+    _check_size(path, image, sensor.camera)
+    return undistorted(image, sensor.camera, sensor.distortion)
+
+
+def _check_size(path: Path, image: np.ndarray, camera: Camera) -> None:
+    if image.shape != (camera.height, camera.width):
+        size = f"{image.shape[1]} x {image.shape[0]}"
+        raise ItreeError(f"{path}: the image is {size} px, the first lit image is {camera.width} x {camera.height} px")
+
+
+def _image_paths(folder: Path, im_id: int) -> list[Path]:
+    lit = folder / "lit"
+    paths = sorted(p for p in lit.glob(f"{im_id:06d}_*") if p.suffix in IMAGE_SUFFIXES)
+    if not paths:
+        raise ItreeError(f"{lit}: there is no image {im_id:06d}_00.png, the first of one image under each light")
+    for k, path in enumerate(paths):
+        if path.stem != f"{im_id:06d}_{k:02d}":
+            raise ItreeError(f"{lit}: image {im_id:06d}_{k:02d} (light {k}) is missing; found {path.name}")
+    return paths
+
+
+def _read_entry(folder: Path, name: str, im_id: int) -> dict[str, Any]:
+    path = folder / name
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
+    entry = data.get(str(im_id)) if isinstance(data, dict) else None
+    if not isinstance(entry, dict):
+        raise ItreeError(f"{path}: the key '{im_id}' (camera image {im_id}) is missing")
+    return entry
+
+
+def _numbers(path: Path, entry: dict[str, Any], key: str, count: int) -> np.ndarray:
+    try:
+        values = np.asarray(entry[key], dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError) as error:
+        raise ItreeError(f"{path}: '{key}' must be {count} numbers ({error})") from error
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ItreeError(f"{path}: '{key}' must be {count} finite numbers, it is {entry[key]!r:.80}")
+    return values
+
+
+def _camera(folder: Path, im_id: int) -> Camera:
+    path = folder / "scene_camera.json"
+    entry = _read_entry(folder, path.name, im_id)
+    if "cam_K" not in entry:
+        raise ItreeError(f"{path}: image {im_id} has no 'cam_K'")
+    K = _numbers(path, entry, "cam_K", 9).reshape(3, 3)
+    if K[0, 0] <= 0.0 or K[1, 1] <= 0.0 or (K[0, 1], K[1, 0], *K[2]) != (0.0, 0.0, 0.0, 0.0, 1.0):
+        raise ItreeError(
+            f"{path}: 'cam_K' must be fx 0 cx 0 fy cy 0 0 1 with positive fx, fy, it is {K.ravel().tolist()}"
+        )
+    kind = entry.get("cam_kind", "pinhole")  # our own key: BOP knows pinhole cameras only
+    if kind not in ("pinhole", "orthographic"):
+        raise ItreeError(f"{path}: 'cam_kind' must be pinhole or orthographic, it is {kind!r}")
+    height, width = read_image(_image_paths(folder, im_id)[0]).shape
+    return Camera(kind, K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item(), width, height)
+
+
+def _lights(folder: Path, im_id: int) -> tuple[np.ndarray, np.ndarray]:
+    entry = _read_entry(folder, "scene_lights.json", im_id)
+    where = f"{folder / 'scene_lights.json'}: image {im_id}"
+    if "directions" not in entry:
+        raise ItreeError(f"{where}: the key 'directions' is missing")
+    return checked_lights(entry["directions"], entry.get("intensities"), where)
+
+
+def _camera_pose(folder: Path, im_id: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+    path = folder / "scene_camera.json"
+    entry = _read_entry(folder, path.name, im_id)
+    if "cam_R_w2c" not in entry:
+        return None, None
+    R = _numbers(path, entry, "cam_R_w2c", 9).reshape(3, 3)
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0.0:
+        raise ItreeError(f"{path}: 'cam_R_w2c' is not a rotation matrix: {R.ravel().tolist()}")
+    return R, _numbers(path, entry, "cam_t_w2c", 3) if "cam_t_w2c" in entry else None
+
+
+def _load_depth(folder: Path, im_id: int) -> Float[np.ndarray, "height width"] | None:
+    path = folder / "depth" / f"{im_id:06d}.png"
+    if not path.is_file():
+        return None
+    entry = _read_entry(folder, "scene_camera.json", im_id)
+    scale = _numbers(folder / "scene_camera.json", {"depth_scale": 1.0, **entry}, "depth_scale", 1)[0]
+    if scale <= 0.0:
+        raise ItreeError(f"{folder / 'scene_camera.json'}: 'depth_scale' must be positive, it is {scale}")
+    return (read_image(path) * scale).astype(np.float32)
+
+
+def _working_distance(folder: Path, im_id: int) -> float:
+    R_w2c, t_w2c = _camera_pose(folder, im_id)
+    if R_w2c is not None and t_w2c is not None and abs(R_w2c[2, 2]) > 1e-3:
+        distance = float(R_w2c[:, 2] @ t_w2c / R_w2c[2, 2])  # z_world of (0, 0, distance) is 0
+        if distance > 0.0:
+            return distance
+    depth = _load_depth(folder, im_id)
+    if depth is not None and (depth > 0).any():
+        return float(np.median(depth[depth > 0]))
+    raise ItreeError(
+        f"{folder}: how far the parts are is told neither by 'cam_R_w2c' and 'cam_t_w2c' in scene_camera.json nor by a "
+        "depth map; use a sensor JSON with 'working_distance_mm'"
+    )

@@ -1,0 +1,138 @@
+"""`Scene` and its true poses -> a scene folder in the BOP layout with the lights beside it."""
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+from itree_jax.sensing.image_file import png_bytes
+from itree_jax.sensing.scene_folder import Scene
+
+FULL_SCALE = 65535
+DEPTH_SCALE = 0.1  # [mm] per step: up to 6.5 m
+
+
+@dataclass(frozen=True)
+class TrueObject:
+    """One object of a scene whose pose is known."""
+
+    obj_id: int
+    R_cam_obj: Float[np.ndarray, "3 3"]
+    t_cam_obj: Float[np.ndarray, "3"]  # [mm]
+    px_count_all: int  # pixels of the object alone
+    px_count_visib: int  # of these, pixels that nothing hides
+    bbox_visib: tuple[int, int, int, int]  # x, y, width, height [px]; -1 -1 -1 -1 where nothing is visible
+
+    @property
+    def visib_fract(self) -> float:
+        return self.px_count_visib / self.px_count_all if self.px_count_all else 0.0
+
+
+def write_scene(
+    folder: str | Path,
+    scene: Scene,
+    truth: Sequence[TrueObject] = (),
+    *,
+    depth_scale: float = DEPTH_SCALE,
+    overwrite: bool = False,
+) -> None:
+    """Write a scene and the true poses of its objects. The folder appears whole or not at all.
+
+    Images are stored as linear 16-bit PNG, 1.0 = 65535 (beyond is clipped); depth in steps of `depth_scale` [mm]. The
+    folder's name should be the scene id in six digits. Raises `ItreeError` if it exists (unless `overwrite`), cannot be
+    written, or a depth does not fit 16 bits.
+    """
+    folder = Path(folder)
+    if folder.exists() and not overwrite:
+        raise ItreeError(f"{folder}: exists already; remove it or choose another output folder")
+    contents = _contents(scene, truth, depth_scale)
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
+    try:
+        for name, content in contents.items():
+            path = temporary / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        _put_in_place(temporary, folder)
+    except OSError as error:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise ItreeError(f"{folder}: the scene cannot be written ({error})") from error
+
+
+def _put_in_place(temporary: Path, folder: Path) -> None:
+    if folder.exists():
+        old = temporary.with_suffix(".old")
+        os.replace(folder, old)
+        os.replace(temporary, folder)
+        shutil.rmtree(old)
+    else:
+        os.replace(temporary, folder)
+
+
+def _contents(scene: Scene, truth: Sequence[TrueObject], depth_scale: float) -> dict[str, bytes]:
+    """File content by name, relative to the scene folder."""
+    i = str(scene.im_id)
+    contents = {
+        "scene_camera.json": _json({i: _camera_entry(scene, depth_scale)}),
+        "scene_lights.json": _json({i: _lights_entry(scene)}),
+        "scene_gt.json": _json({i: [_pose_entry(true) for true in truth]}),
+        "scene_gt_info.json": _json({i: [_visibility_entry(true) for true in truth]}),
+    }
+    for k, image in enumerate(scene.images):
+        stored = np.round(np.clip(image.astype(np.float64), 0.0, 1.0) * FULL_SCALE).astype(np.uint16)
+        contents[f"lit/{scene.im_id:06d}_{k:02d}.png"] = png_bytes(stored)
+    if scene.depth is not None:
+        contents[f"depth/{scene.im_id:06d}.png"] = png_bytes(_depth_steps(scene, depth_scale))
+    return contents
+
+
+def _depth_steps(scene: Scene, depth_scale: float) -> np.ndarray:
+    assert scene.depth is not None
+    steps = np.round(np.nan_to_num(scene.depth.astype(np.float64)) / depth_scale)
+    if steps.min(initial=0) < 0 or steps.max(initial=0) > FULL_SCALE:
+        raise ItreeError(
+            f"scene {scene.scene_id}: depths from {scene.depth.min():.4g} to {scene.depth.max():.4g} mm do not fit "
+            f"16 bits in steps of {depth_scale} mm; choose a larger depth_scale"
+        )
+    return steps.astype(np.uint16)
+
+
+def _camera_entry(scene: Scene, depth_scale: float) -> dict[str, Any]:
+    c = scene.sensor.camera
+    entry: dict[str, Any] = {"cam_K": [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0], "depth_scale": depth_scale}
+    if c.is_orthographic:
+        entry["cam_kind"] = c.kind  # BOP knows pinhole cameras only
+    if scene.R_w2c is not None:
+        entry["cam_R_w2c"] = np.ravel(scene.R_w2c).tolist()
+    if scene.t_w2c is not None:
+        entry["cam_t_w2c"] = np.ravel(scene.t_w2c).tolist()
+    return entry
+
+
+def _lights_entry(scene: Scene) -> dict[str, Any]:
+    sensor = scene.sensor
+    return {"directions": sensor.light_directions.tolist(), "intensities": sensor.light_intensities.tolist()}
+
+
+def _pose_entry(true: TrueObject) -> dict[str, Any]:
+    R, t = np.ravel(true.R_cam_obj).tolist(), np.ravel(true.t_cam_obj).tolist()
+    return {"obj_id": true.obj_id, "cam_R_m2c": R, "cam_t_m2c": t}
+
+
+def _visibility_entry(true: TrueObject) -> dict[str, Any]:
+    return {
+        "visib_fract": true.visib_fract,
+        "px_count_all": true.px_count_all,
+        "px_count_visib": true.px_count_visib,
+        "bbox_visib": list(true.bbox_visib),
+    }
+
+
+def _json(data: dict[str, Any]) -> bytes:
+    return (json.dumps(data, indent=1) + "\n").encode()

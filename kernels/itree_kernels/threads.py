@@ -1,0 +1,27 @@
+"""Launches on all cores: one Warp launch on the CPU uses one core, but releases the interpreter's lock."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+RAYS_WORTH_A_THREAD = 4096  # below this a thread costs more than it brings
+
+
+def launch_in_chunks(launch: Callable[[int, int], None], count: int, rays_each: int, device: object) -> None:
+    """Calls `launch(first, last)` on ranges that cover `range(count)`, one thread per core on a CPU.
+
+    Every element is computed alone, so the result doesn't depend on the number of threads.
+    """
+    cores = os.cpu_count() or 1
+    threads = min(cores, count, max(1, count * rays_each // RAYS_WORTH_A_THREAD))
+    if count == 0:
+        return
+    if not str(device).startswith("cpu") or threads == 1:
+        launch(0, count)
+        return
+    # four chunks a thread: windows differ in how many of their rays hit
+    chunks = min(count, 4 * threads)
+    bounds = [count * k // chunks for k in range(chunks + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        for done in [pool.submit(launch, a, b) for a, b in zip(bounds, bounds[1:], strict=False)]:
+            done.result()
