@@ -1,7 +1,8 @@
 """Convex pieces that together cover a part: what a physics engine collides.
 
-Every piece is the convex hull of a piece of the part, so the pieces contain the part (to 0.05 % of its diameter): parts
-that do not touch in the physics do not touch at all. Holes and slots narrower than what is left of the concavity are filled.
+Every piece is the convex hull of a piece of the part, so the pieces contain the part (to 0.05 % of its diameter):
+parts that do not touch in the physics do not touch at all. Holes and slots narrower than what is left of the concavity
+are filled.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from itree_cad.part import Part
 from jaxtyping import Float
 
 MAX_PIECES = 16
-COARSENESS = 5e-4  # of the diameter: fine tessellation is coarsened by so much first; it costs time and holds nothing
+COARSENESS = 5e-4  # of the diameter: fine tessellation is coarsened by it first, for speed
 EXCESS = 0.01  # of the part's volume: a piece whose hull adds less is not cut any more
 PLANES_PER_AXIS = 12  # candidate cuts along each axis
 DEGENERATE = 1e-6  # of the part's volume: slivers under it are dropped

@@ -28,7 +28,7 @@ def union_of(pieces) -> manifold3d.Manifold:
 def test_a_convex_part_is_one_piece(part):
     pieces = convex_pieces(part)
     assert len(pieces) == 1
-    assert ConvexHull(pieces[0]).volume == pytest.approx(ConvexHull(part.vertices).volume)
+    assert ConvexHull(pieces[0]).volume == pytest.approx(ConvexHull(part.vertices).volume, rel=1e-3)
 
 
 def test_an_angle_is_two_boxes():
