@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import jax
 import numpy as np
@@ -15,12 +16,21 @@ from itree_jax.decision_path import decision_path
 from itree_jax.detections import Detection, Detections
 from itree_jax.features.region import RegionFeatures, measure_batch
 from itree_jax.features.window import Window, extract_windows
-from itree_jax.refine.hypotheses import RegionHypotheses, best_of_each_region, agreement, place
+from itree_jax.refine.hypotheses import (
+    RegionHypotheses,
+    agreement,
+    best_of_each_region,
+    joined,
+    near_symmetries,
+    place,
+    turned_about_axes,
+)
 from itree_jax.refine.observed import ObservedMaps, observe
 from itree_jax.refine.optimise import Hypotheses, NormalEquations, RefineModel, refine
-from itree_jax.refine.schedule import Schedule, schedule
-from itree_jax.refine.select import Selection, score_of, select
-from itree_jax.refine.verify import Verdict, verify
+from itree_jax.refine.schedule import Round, Schedule, schedule
+from itree_jax.refine.select import Selection, select
+from itree_jax.refine.solids import Solid, share_space, solid
+from itree_jax.refine.verify import Verdict, verify, visible_centres
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import photometric_stereo
 from itree_jax.sensing.regions import Regions, depth_noise, regions
@@ -43,6 +53,8 @@ class Prepared:
     classification: ClassificationArrays
     determination: DeterminationArrays
     pitch: float  # of feature windows [mm]
+    solid: Solid
+    turns: Float[np.ndarray, "turns 4 4"]  # near symmetries, model -> model
 
 
 def prepare(tree: InterpretationTree) -> Prepared:
@@ -51,7 +63,8 @@ def prepare(tree: InterpretationTree) -> Prepared:
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     reach = mesh_reach(mesh)
     model = RefineModel(mesh, asarray(mesh.triangle_normals), reach, part.diameter)
-    return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1])
+    return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
+                    solid(mesh, part.diameter, part.watertight), near_symmetries(part.vertices, part.triangles))
 
 
 def recognize(
@@ -137,14 +150,48 @@ def interpret(
     hypotheses = as_hypotheses(candidates, tree, found, R_ray_cam, sensor)
     plan = schedule(sensor, tree.part.diameter, noise, tree.spacing)
     observed = observe(np.asarray(needle.normals) * needle.interpretable[..., None], needle_weight(needle), depth, plan.jump)
-    hypotheses, equations = narrow(hypotheses, prepared.model, observed, sensor, plan)
-    tolerances = plan.rounds[-1].tolerances
+    model = prepared.model
+    hypotheses, equations = narrow(hypotheses, model, observed, sensor, plan.rounds, plan)
+    verdict, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    accepted = hypotheses.take(selection.accepted)
+    if len(accepted.region):
+        turned, more = narrow(
+            near_poses(accepted, prepared, sensor, plan.turned[0].stage.size), model, observed, sensor, plan.turned, plan
+        )
+        turned = turned._replace(region=accepted.region[turned.region])
+        hypotheses = joined(hypotheses, turned)
+        equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
+        verdict, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    return Interpretation(prepared, features, classification, hypotheses, equations, verdict, selection)
+
+
+def near_poses(
+    accepted: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
+) -> RegionHypotheses:
+    """Each accepted pose under its near symmetries, moved so that it shows its surface where the pose did.
+
+    They explain the same place, and only one is right. `region` counts the accepted poses.
+    """
+    own = accepted._replace(region=np.arange(len(accepted.region)))
+    turned = turned_about_axes(own, prepared.turns)
+    there = visible_centres(own.poses, prepared.model, sensor.camera, size)
+    here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
+    t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
+    return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
+
+
+def judge(
+    hypotheses: RegionHypotheses, prepared: Prepared, observed: ObservedMaps, sensor: Sensor, plan: Schedule
+) -> tuple[Verdict, Selection]:
+    """The last verification of all hypotheses, and which of them explain the scene together."""
     verdict, origin, stride = verify(
-        hypotheses.poses, prepared.model, observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+        hypotheses.poses, prepared.model, observed, sensor.camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump
     )
     least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
-    selection = select(verdict, origin, stride, depth.shape, least)
-    return Interpretation(prepared, features, classification, hypotheses, equations, verdict, selection)
+    R, t = (np.asarray(a, float) for a in hypotheses.poses)
+    body = prepared.solid
+    collide = cache(lambda h, k: share_space(body, R[h], t[h], body, R[k], t[k]))
+    return verdict, select(verdict, origin, stride, observed.depth.shape, least, collide)
 
 
 def region_features(
@@ -162,7 +209,7 @@ def region_features(
 
 def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
     """How far a needle is believed: interpretable, and of the albedo of the other parts' surfaces."""
-    return np.where(needle.interpretable, 1.0, 0.0).astype(np.float32)
+    return np.where(needle.interpretable, needle.confidence, 0.0).astype(np.float32)
 
 
 def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_cam, sensor: Sensor) -> RegionHypotheses:
@@ -182,11 +229,12 @@ def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_ca
 
 
 def narrow(
-    hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, plan: Schedule
+    hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, rounds: Sequence[Round],
+    plan: Schedule,
 ) -> tuple[RegionHypotheses, NormalEquations]:
     """Rounds of refining, verifying and keeping the best of every region."""
     equations = None
-    for step in plan.rounds:
+    for step in rounds:
         poses, equations = refine(
             hypotheses.poses, model, observed, sensor.camera, plan.deviations, [step.stage], plan.jump
         )

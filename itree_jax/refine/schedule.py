@@ -37,7 +37,8 @@ class Round:
 class Schedule:
     """All rounds of one part under one sensor."""
 
-    rounds: tuple[Round, ...]
+    rounds: tuple[Round, ...]  # of the candidates
+    turned: tuple[Round, ...]  # of accepted poses under their near symmetries
     deviations: Deviations
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
@@ -78,6 +79,10 @@ def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> S
             tolerances(fine, np.radians(20.0), jump),
         ),
     )
+    turned = (
+        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[1].tolerances),
+        Round(Stage(6, 64, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[2].tolerances),
+    )
     values = (max(noise, 0.1 * pitch), max(DEPTH_BIAS * noise, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
-    return Schedule(rounds, Deviations(*(jnp.float32(v) for v in values)), jump, 96)
+    return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), jump, 96)

@@ -29,6 +29,7 @@ class Verdict(NamedTuple):
     """Counts of window pixels and of contour points per hypothesis."""
 
     agreeing: Float[Array, "*h"]  # depth agrees, and so do the needles where there are any
+    closeness: Float[Array, "*h"]  # sum over the agreeing pixels of 1 - (gap / tolerance)^2, for depth and needle each half
     needles_agreeing: Float[Array, "*h"]  # of these, pixels with an agreeing needle
     contradicting: Float[Array, "*h"]  # the scene is behind the pose, or its needle points elsewhere
     hidden: Float[Array, "*h"]  # something is nearer
@@ -49,14 +50,18 @@ def verify_one(
     across = gap * jnp.maximum(jnp.abs(normal[..., 2]), 0.2)
     near = hit & (jnp.abs(across) < tolerances.depth)
     needle = window.needle_weight > 0
-    same = jnp.sum(window.normals * normal, axis=-1) > jnp.cos(tolerances.needle)
+    cosine = jnp.sum(window.normals * normal, axis=-1)
+    same = cosine > jnp.cos(tolerances.needle)
     agree = near & (~needle | same)
     contradict = hit & ((across >= tolerances.depth) | (near & needle & ~same))
     hidden = hit & (across <= -tolerances.depth)
 
     found, missed = contour_support(predicted, observed, tolerances, size)
     total = lambda mask: jnp.sum(mask.astype(jnp.float32))
-    return Verdict(total(agree), total(agree & needle), total(contradict), total(hidden), found, missed, agree)
+    turn = jnp.clip((1.0 - cosine) / (1.0 - jnp.cos(tolerances.needle)), 0.0, 1.0)
+    close = 1.0 - 0.5 * jnp.square(jnp.clip(across / tolerances.depth, -1.0, 1.0)) - 0.5 * jnp.where(needle, turn, 0.5)
+    closeness = jnp.sum(jnp.where(agree, close, 0.0))
+    return Verdict(total(agree), closeness, total(agree & needle), total(contradict), total(hidden), found, missed, agree)
 
 
 def contour_support(
@@ -108,3 +113,21 @@ def verify(
     found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach, jump)
     verdict = verify_batch(R, as_predicted(found, origin), observed, model.normal_obj, tolerances, size, stride)
     return Verdict(*(np.asarray(v)[:count] for v in verdict)), origin[:count], stride
+
+
+def visible_centres(
+    hypotheses: Hypotheses, model: RefineModel, camera: Camera, size: int
+) -> Float[np.ndarray, "hypotheses 3"]:
+    """Mean of the surface points that each pose shows, camera frame [mm]; its origin where it shows none."""
+    count = len(hypotheses.t_cam_obj)
+    R, t = padded(hypotheses)
+    stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
+    origin = window_origins(camera, t, size, stride)
+    found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach)
+    j, i = np.meshgrid(np.arange(size), np.arange(size))
+    uv = origin[:, None, None] + stride * np.stack([j, i], axis=-1)
+    X_cam = camera.unproject(uv, found.depth)
+    hit = (found.triangle >= 0)[..., None]
+    number = hit.sum(axis=(1, 2))
+    mean = np.where(hit, X_cam, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1)
+    return np.where(number > 0, mean, t)[:count].astype(np.float32)

@@ -1,0 +1,16 @@
+"""Reports that people read: one self-contained HTML page for each scene, an index of many, a page for each tree.
+
+| name | what it is |
+|---|---|
+| `write_scene_report` | scene + detections + trees -> one page |
+| `write_index`, `index_entry`, `IndexEntry` | the index of many scenes, failures first |
+| `write_tree_page` | a compiled tree -> one page |
+| `svg_tree` | a tree, and the way through it, as SVG |
+"""
+
+from itree_jax.report.index_page import IndexEntry as IndexEntry
+from itree_jax.report.index_page import index_entry as index_entry
+from itree_jax.report.index_page import write_index as write_index
+from itree_jax.report.scene_page import write_scene_report as write_scene_report
+from itree_jax.report.svg_tree import svg_tree as svg_tree
+from itree_jax.report.tree_page import write_tree_page as write_tree_page

@@ -1,0 +1,184 @@
+"""`itree recognize`: scenes + trees -> poses."""
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from itree_kernels.errors import ItreeError
+
+from itree_jax.cli.outputs import check_file, check_folder, staged_folder
+from itree_jax.cli.runtime import start_jax
+from itree_jax.cli.terminal import output, progress
+
+if TYPE_CHECKING:
+    from itree_jax.detections import Detections
+    from itree_jax.recognize import Prepared
+    from itree_jax.sensing.scene_folder import Scene
+    from itree_jax.sensor import Sensor
+
+
+@dataclass(frozen=True)
+class Recognize:
+    """Find the poses of compiled parts in scenes.
+
+    Several trees look for several objects. Trees of the same object, compiled for different lights, are alternatives:
+    every scene takes the one that fits its lights.
+    """
+
+    scenes: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENES")]
+    """Dataset, folder of scenes, or one scene folder."""
+    trees: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="TREE...")]
+    """One or more tree files."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="results.csv")]
+    """BOP csv to write."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Write everything about every answer, decision paths included, as JSON."""
+    report: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Write a page per scene, and an index."""
+    depth: Literal["file", "stereo", "none"] = "file"
+    """Where the depth map comes from."""
+    quiet: bool = False
+    """Show nothing but errors."""
+
+    def run(self) -> None:
+        """Raises ItreeError about a tree or a scene, before anything is written."""
+        self._check()
+        with progress(self.quiet) as tell, _report_folder(self.report) as pages:
+            tell("loading", 0.0)
+            start_jax()
+            from itree_jax.recognize import prepare
+            from itree_jax.results import write_bop_csv, write_json
+            from itree_jax.sensing.scene_folder import scene_folders
+            from itree_jax.tree.tree_file import load_tree
+
+            prepared = [prepare(load_tree(path)) for path in self.trees]
+            check_objects(prepared)
+            folders = scene_folders(self.scenes)
+            check_numbered(folders)
+            answers = []
+            for k, folder in enumerate(folders):
+                tell(f"scene {folder.name}", k / len(folders))
+                answers.append(self._answer(folder, prepared, pages))
+            tell("writing", 1.0)
+            if pages is not None:
+                _write_index(pages, answers)
+            write_bop_csv(answers, self.output)
+            if self.json is not None:
+                write_json(answers, self.json)
+        if not self.quiet:
+            output().print(answer_table(answers))
+
+    def _check(self) -> None:
+        if self.depth != "file":
+            raise ItreeError(
+                f"--depth {self.depth} is not there yet: recognition needs the depth map of the scene (depth/ in its "
+                "folder) for now; leave --depth out"
+            )
+        if not self.trees:
+            raise ItreeError("no TREE is given; make one with `itree compile MODEL --sensor SENSOR -o TREE`")
+        check_file(self.output)
+        check_file(self.json)
+        check_folder(self.report)
+
+    def _answer(self, folder: Path, prepared: "Sequence[Prepared]", pages: Path | None) -> "Detections":
+        try:
+            scene, fitting = load_with_trees(folder, prepared)
+            detections = recognize_scene(scene, fitting)
+        except ItreeError as error:
+            raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
+        if pages is not None:
+            from itree_jax.report import write_scene_report
+
+            write_scene_report(pages / page_name(detections), scene, detections, [p.tree for p in fitting])
+        return replace(detections, labels=None)  # a label image per scene would fill the memory
+
+
+def load_with_trees(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scene, list[Prepared]]":
+    """A scene, and one tree per object that fits its lights. What a scene folder can't tell (noise, response, limits)
+    is taken from the sensor that the trees were compiled for."""
+    from itree_jax.sensing.scene_folder import load_scene
+
+    scene = load_scene(folder, sensor=prepared[0].tree.sensor)
+    fitting = fitting_trees(prepared, scene.sensor)
+    if fitting[0] is not prepared[0]:
+        scene = load_scene(folder, sensor=fitting[0].tree.sensor)
+    return scene, fitting
+
+
+def fitting_trees(prepared: "Sequence[Prepared]", sensor: "Sensor") -> "list[Prepared]":
+    """The first tree of every object that fits the lights and the camera; ItreeError when an object has none."""
+    from itree_jax.tree.check_sensor import check_sensor
+
+    found: dict[int, Prepared] = {}
+    misfit: dict[int, ItreeError] = {}
+    for one in prepared:
+        tree = one.tree
+        if tree.obj_id in found:
+            continue
+        try:  # the slant limit is the tree's own: a scene folder tells none
+            check_sensor(tree, replace(sensor, slant_limit=tree.sensor.slant_limit))
+            found[tree.obj_id] = one
+        except ItreeError as error:
+            misfit.setdefault(tree.obj_id, error)
+    for obj_id, error in misfit.items():
+        if obj_id not in found:
+            raise error
+    return list(found.values())
+
+
+def recognize_scene(scene: "Scene", prepared: "Sequence[Prepared]") -> "Detections":
+    """The answers for a scene, under the scene's numbers."""
+    from itree_jax.recognize import recognize_one
+
+    if scene.depth is None:
+        raise ItreeError("there is no depth map (depth/) in the scene, and recognition needs one for now.")
+    answer = recognize_one(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+    own = {"scene_id": scene.scene_id, "im_id": scene.im_id}
+    return replace(answer, **own, detections=tuple(replace(d, **own) for d in answer))
+
+
+def check_objects(prepared: "Sequence[Prepared]") -> None:
+    """Raises ItreeError when two different parts have one object number."""
+    names: dict[int, str] = {}
+    for one in prepared:
+        name = names.setdefault(one.tree.obj_id, one.tree.part.name)
+        if name != one.tree.part.name:
+            raise ItreeError(
+                f"the trees of '{name}' and '{one.tree.part.name}' are both of object {one.tree.obj_id}; compile one of "
+                "them with another --obj-id"
+            )
+
+
+def check_numbered(folders: Sequence[Path]) -> None:
+    """Raises ItreeError when scenes could not be told apart in the results."""
+    wrong = [folder for folder in folders if not folder.name.isdecimal()] if len(folders) > 1 else []
+    if wrong:
+        raise ItreeError(f"{wrong[0]}: among several scenes, each folder's name must be its number, such as 000001")
+
+
+def page_name(detections: "Detections") -> str:
+    return f"scene_{detections.scene_id:06d}.html"
+
+
+def answer_table(answers: "Sequence[Detections]"):
+    """Parts found, best score and time of every scene."""
+    from rich.table import Table
+
+    table = Table("scene", "parts", "best score", "not recognised", "s")
+    for a in answers:
+        best = f"{a.by_score[0].score:.2f}" if len(a) else "-"
+        table.add_row(f"{a.scene_id:06d}", str(len(a)), best, str(len(a.not_recognised)), f"{a.time:.1f}")
+    return table
+
+
+def _report_folder(path: Path | None):
+    return nullcontext() if path is None else staged_folder(path)
+
+
+def _write_index(pages: Path, answers: "Sequence[Detections]") -> None:
+    from itree_jax.report import write_index
+
+    write_index(pages, [(a, page_name(a)) for a in answers])

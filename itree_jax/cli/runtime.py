@@ -1,0 +1,31 @@
+"""JAX as a short-lived program wants it. To be called before the first computation."""
+
+import os
+from pathlib import Path
+
+COMPILED_IN = 0.05  # [s]: a function that took longer to compile is kept for the next run
+
+
+def start_jax() -> None:
+    """Switches asynchronous dispatch off and keeps compiled functions on disk, so that the second run starts fast.
+
+    With asynchronous dispatch on a CPU, a process that ends while a kernel is in flight hangs. A cache folder that the
+    user has chosen (JAX_COMPILATION_CACHE_DIR) is left as it is.
+    """
+    import jax
+
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
+    if jax.config.jax_compilation_cache_dir is not None:
+        return
+    folder = cache_folder() / "jax"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # a home that cannot be written to only costs time
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", COMPILED_IN)
+
+
+def cache_folder() -> Path:
+    """Where this program keeps what it can make again: $XDG_CACHE_HOME/itree-jax, or ~/.cache/itree-jax."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "itree-jax"

@@ -1,0 +1,133 @@
+"""The tables of a scene's page: poses with their uncertainty, and regions without an answer."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from itree_jax.report.decision_view import decision_path_view
+from itree_jax.report.markup import NOT_KNOWN, count_of, image, number, percent, table, text
+from itree_jax.report.palette import css
+from itree_jax.report.pose_pictures import pose_picture
+from itree_jax.report.scene_view import PoseView, SceneView
+from itree_jax.report.svg_tree import svg_tree
+from itree_jax.report.tree_path import group_reached
+from itree_jax.report.truth_view import RIGHT
+
+Vector = np.ndarray
+
+
+def pose_table(view: SceneView) -> str:
+    """One row for each pose, in the order for picking."""
+    if not view.poses:
+        return '<p class="empty">No part was recognised. The regions below say why.</p>'
+    head = [
+        "offer", "part", "score", "position x, y, z [mm]", "rotation vector [°]", "height [mm]", "agree [px]",
+        "contradict [px]", "hidden [px]",
+    ]  # fmt: skip
+    rows = [pose_row(p) for p in view.poses]
+    if view.comparison is not None:
+        head.append("to the truth [mm]")
+        rows = [[*row, truth_cell(view, k)] for k, row in enumerate(rows)]
+    return table(head, rows, numeric=range(2, 10), css_class="poses")
+
+
+def pose_row(p: PoseView) -> list[str]:
+    d = p.detection
+    rank = f'<a href="#pose-{d.offer_rank}"><i class="key" style="background:{css(p.colour)}"></i>{d.offer_rank}</a>'
+    std = None if d.rotation_std is None else np.degrees(d.rotation_std)
+    return [
+        rank, f"{text(p.tree.part.name)}<br><small>obj {d.obj_id}</small>", number(d.score, 3),
+        triple(d.t_cam_obj, 1) + deviation(d.translation_std),
+        triple(np.degrees(Rotation.from_matrix(d.R_cam_obj).as_rotvec()), 1) + deviation(std),
+        number(d.height, 1), str(d.agreeing), str(d.contradicting), str(d.hidden),
+    ]  # fmt: skip
+
+
+def truth_cell(view: SceneView, k: int) -> str:
+    assert view.comparison is not None
+    right = view.comparison.found[k] >= 0
+    mark = '<span class="chip taken">✓ right</span>' if right else '<span class="chip warn">✗ wrong</span>'
+    return f"{number(float(view.comparison.error[k]), 1)} {mark}"
+
+
+def pose_table_notes(view: SceneView) -> str:
+    notes = (
+        "Poses are model → camera (x right, y down, z forward). The rotation vector is the axis of rotation times the "
+        "angle. ± is one standard deviation along and about the camera's axes; ∞ where nothing measured binds it. "
+        "Pixel counts are of the sample that verification looked at; the residual picture shows all pixels."
+    )
+    if view.comparison is not None:
+        notes += (
+            " To the truth: largest displacement of a surface point (MSSD), least over the symmetries; right within "
+            f"{percent(RIGHT, 0)} of the diameter."
+        )
+    return f'<p class="muted">{notes}</p>'
+
+
+def deviation(values: Vector | None) -> str:
+    """A second line with one standard deviation of each number above it."""
+    return f"<br><small>± {NOT_KNOWN if values is None else triple(values, 2)}</small>"
+
+
+def triple(values: Vector, digits: int) -> str:
+    return '<span class="xyz">' + "".join(f"<span>{number(float(v), digits)}</span>" for v in values) + "</span>"
+
+
+def pose_details(view: SceneView) -> str:
+    """For each pose a fold with its picture, its decision path, and the tree with the path in bold."""
+    return "\n".join(pose_fold(view, p, opened=k == 0) for k, p in enumerate(view.poses))
+
+
+def pose_fold(view: SceneView, p: PoseView, opened: bool) -> str:
+    d = p.detection
+    group = group_reached(p.tree, d.decision_path)
+    label = f" · group <code>{text(p.tree.groups.label_strings[group])}</code>" if group is not None else ""
+    summary = (
+        f'<i class="key" style="background:{css(p.colour)}"></i><b>Pose {d.offer_rank}</b> · '
+        f"{text(p.tree.part.name)} · score {number(d.score, 3)}{label} · {count_of(len(d.decision_path), 'step')}"
+    )
+    picture = '<p class="empty">This pose lies outside of the image.</p>'
+    if p.rendered is not None and p.codes is not None:
+        crop = pose_picture(view.background, p.rendered, p.codes, p.colour)
+        picture = image(crop, f"pose {d.offer_rank}: contour, and residuals", css_class="crop")
+    return (
+        f'<details id="pose-{d.offer_rank}"{" open" if opened else ""}><summary>{summary}</summary>{picture}'
+        f"{equivalents(p)}{decision_path_view(p.tree, d.decision_path)}"
+        f'<div class="scroll">{svg_tree(p.tree, group)}</div></details>'
+    )
+
+
+def equivalents(p: PoseView) -> str:
+    """What else the pose might be: the part's symmetries."""
+    found = p.detection.equivalents
+    if not found:
+        return ""
+    return f'<p class="muted">{count_of(len(found), "other pose looks", "other poses look")} the same.</p>'
+
+
+def lost_table(view: SceneView) -> str:
+    """Regions that gave no pose of their own, with the reason; those that no pose explains come first."""
+    lost = sorted(view.detections.not_recognised, key=lambda e: (explainer(view, e) is not None, int(e["region"])))
+    if not lost:
+        return '<p class="muted">Every region gave a pose.</p>'
+    areas = np.bincount(view.labels[view.labels >= 0], minlength=view.region_count)
+    rows = []
+    for entry in lost:
+        region = int(entry["region"])
+        area = str(areas[region]) if 0 <= region < len(areas) else NOT_KNOWN
+        height = entry.get("height_mm")
+        rank = explainer(view, entry)
+        by = '<span class="chip warn">no pose</span>' if rank is None else f'<a href="#pose-{rank}">pose {rank}</a>'
+        reason = text(entry.get("reason", ""))
+        rows.append([str(region), by, reason, number(None if height is None else float(height)), area])
+    head = ["region", "explained by", "why its own poses were not accepted", "height [mm]", "area [px]"]
+    return table(head, rows, numeric=(0, 3, 4))
+
+
+def explainer(view: SceneView, entry: dict[str, Any]) -> int | None:
+    """Offer rank of the pose that explains a region; None if none does."""
+    region = int(entry["region"])
+    if not 0 <= region < view.region_count or view.region_pose[region] < 0:
+        return None
+    return view.poses[view.region_pose[region]].detection.offer_rank

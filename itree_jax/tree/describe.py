@@ -1,0 +1,179 @@
+"""What is in a tree, as plain data: groups, faces, nodes, leaves, ambiguities, symmetries, sensor (`itree show --json`)."""
+
+from typing import Any
+
+import numpy as np
+
+from itree_jax.sensing.sensor_file import fingerprint
+from itree_jax.tree.determine import remaining_freedom
+from itree_jax.tree.tree import PRUNED, ROOT, InterpretationTree
+
+AMBIGUOUS = 0.25  # error rate of a node's rule; 0.5 is that of a coin on two sides seen equally often
+
+
+def describe(tree: InterpretationTree) -> dict[str, Any]:
+    """Everything a reader may ask of a tree, as JSON data. Lengths in mm, angles in degrees; None where not measured.
+
+    Faces, nodes and views are numbered from 0, faces in falling order of area. The parent of the first node is None.
+    """
+    part = tree.part
+    return _plain({
+        "part": {
+            "name": part.name, "diameter_mm": part.diameter, "unit": part.unit, "triangles": len(part.triangles),
+            "faces": part.face_count, "watertight": part.watertight,
+        },
+        "obj_id": tree.obj_id,
+        "policy": tree.policy,
+        "seed": tree.seed,
+        "sensor": sensor_summary(tree),
+        "symmetries": {
+            "discrete": list(tree.symmetries.discrete),
+            "continuous": [{"axis": axis, "offset_mm": point} for axis, point in tree.symmetries.continuous],
+        },
+        "dome": {"frequency": tree.groups.frequency, "views": len(tree.groups.directions)},
+        "appearances": {
+            "attitudes": len(tree.appearances.view), "regions": len(tree.appearances.attitude), "rolls": tree.rolls,
+            "spacing_deg": float(np.degrees(tree.spacing)),
+        },
+        "identifying_faces": tree.groups.identifying_faces,
+        "faces": faces(tree),
+        "groups": groups(tree),
+        "nodes": nodes(tree),
+        "leaves": leaves(tree),
+        "ambiguities": ambiguities(tree),
+    })  # fmt: skip
+
+
+def sensor_summary(tree: InterpretationTree) -> dict[str, Any]:
+    """What the part was compiled for; `fingerprint` is that of the sensor's facts that decide detectability."""
+    sensor = tree.sensor
+    return {
+        "camera": sensor.camera.kind,
+        "size_px": [sensor.camera.width, sensor.camera.height],
+        "mm_per_px": sensor.mm_per_px,
+        "working_distance_mm": sensor.working_distance,
+        "lights": sensor.light_directions,
+        "slant_limit_deg": float(np.degrees(sensor.slant_limit)),
+        "smallest_region_mm2": sensor.smallest_region,
+        "fingerprint": fingerprint(sensor),
+    }
+
+
+def faces(tree: InterpretationTree) -> list[dict[str, Any]]:
+    """Component faces; `digit` is the face's place in the shape label, None where it has none."""
+    digit = {int(face): k for k, face in enumerate(tree.groups.identifying_faces)}
+    return [
+        {"id": k, "type": kind, "area_mm2": float(area), "digit": digit.get(k)}
+        for k, (kind, area) in enumerate(zip(tree.part.face_types, tree.part.face_areas, strict=True))
+    ]
+
+
+def groups(tree: InterpretationTree) -> list[dict[str, Any]]:
+    """Attitude groups; `regions` are those seen at the representative attitude."""
+    groups = tree.groups
+    return [
+        {
+            "label": label,
+            "view_count": int(groups.view_count[g]),
+            "view_indices": groups.views_of(g),
+            "representative_view": int(groups.representative_view[g]),
+            "representative_roll_deg": float(np.degrees(groups.representative_roll[g])),
+            "regions": int(groups.representative_regions[g]),
+            "pruned": bool(groups.pruned[g]),
+            "pruned_reason": groups.pruned_reason[g],
+        }
+        for g, label in enumerate(groups.label_strings)
+    ]
+
+
+def nodes(tree: InterpretationTree) -> list[dict[str, Any]]:
+    """Branches with their rules; `error_rate` is that of the chosen rule, 0 where there is nothing to decide."""
+    n, rules = tree.nodes, tree.distributions.rules
+    return [
+        {
+            "id": k,
+            "parent": None if n.parent[k] == ROOT else int(n.parent[k]),
+            "side": None if n.parent[k] == ROOT else _side(bool(n.on_visible_side[k])),
+            "branch": n.branch[k],
+            "tested_faces": tree.groups.identifying_faces[n.tested[k]],
+            "rule": n.rule[k],
+            "error_rate": float(n.error[k]),
+            "error_interval": n.error_interval[k],
+            "rule_errors": dict(zip(rules, n.rule_errors[k], strict=True)),
+            "draws": int(n.draws[k]),
+            "visible": _labels(tree, n.visible[k]),
+            "hidden": _labels(tree, n.hidden[k]),
+        }
+        for k in range(len(n.branch))
+    ]
+
+
+def leaves(tree: InterpretationTree) -> list[dict[str, Any]]:
+    """Groups with the node they hang on and what determines the attitude there; pruned groups are no leaves."""
+    d = tree.determination
+    found = []
+    for g in np.flatnonzero(~tree.groups.pruned):
+        rates, intervals = (dict(zip(d.rules, values[g], strict=True)) for values in (d.error, d.error_interval))
+        node = leaf_node(tree, int(g))
+        found.append({
+            "group": tree.groups.label_strings[g],
+            "node": node,
+            "side": None if node is None else _side(bool(tree.nodes.visible[node, g])),
+            "steps": [
+                {"rule": rule, "error_rate": rates[rule], "error_interval": intervals[rule]} for rule in d.steps[g]
+            ],
+            "rule_errors": rates,
+            "draws": int(d.draws[g]),
+            "rotations_left": int(d.rotations_left[g]),
+            "remaining_freedom": remaining_freedom(int(d.rotations_left[g])),
+        })
+    return found
+
+
+def leaf_node(tree: InterpretationTree, group: int) -> int | None:
+    """The last node on the way from the root to a group; None when there is nothing to divide."""
+    through = np.flatnonzero(tree.nodes.visible[:, group] | tree.nodes.hidden[:, group])
+    return int(through[-1]) if len(through) else None  # nodes come in the order of their levels
+
+
+def ambiguities(tree: InterpretationTree) -> list[dict[str, Any]]:
+    """What the tree cannot tell: nodes whose best rule errs in over a quarter of the draws, and open rotations.
+
+    Each has the representative views concerned, so that they can be looked at.
+    """
+    n, d, views = tree.nodes, tree.determination, tree.groups.representative_view
+    kept = ~tree.groups.pruned
+    found: list[dict[str, Any]] = []
+    for k in np.flatnonzero((n.error > AMBIGUOUS) & np.array([rule != PRUNED for rule in n.rule], bool)):
+        sides = [n.visible[k] & kept, n.hidden[k] & kept]
+        found.append({
+            "kind": "groups", "node": int(k), "branch": n.branch[k], "rule": n.rule[k], "error_rate": float(n.error[k]),
+            "groups": [_labels(tree, side) for side in sides], "views": [views[side] for side in sides],
+        })  # fmt: skip
+    for g in np.flatnonzero(kept & (d.rotations_left != 1)):
+        found.append({
+            "kind": "rotation", "group": tree.groups.label_strings[g], "rotations_left": int(d.rotations_left[g]),
+            "remaining_freedom": remaining_freedom(int(d.rotations_left[g])), "view": int(views[g]),
+        })  # fmt: skip
+    return found
+
+
+def _labels(tree: InterpretationTree, members: np.ndarray) -> list[str]:
+    return [tree.groups.label_strings[g] for g in np.flatnonzero(members)]
+
+
+def _side(visible: bool) -> str:
+    return "visible" if visible else "hidden"
+
+
+def _plain(value: Any) -> Any:
+    """Arrays become lists, numbers that are not finite None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return value if np.isfinite(value) else None
+    return value

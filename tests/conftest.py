@@ -1,0 +1,64 @@
+"""For the whole suite: JAX that keeps what it compiled, and the paper's part compiled once."""
+
+import getpass
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+# Before anything imports JAX. A folder per worker: two that write one entry at once would make each other warn.
+_CACHE = Path(tempfile.gettempdir()) / f"itree-jax-tests-{getpass.getuser()}" / os.environ.get("PYTEST_XDIST_WORKER", "main")
+_CACHE.mkdir(parents=True, exist_ok=True)
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))  # the commands that tests start use it too
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
+import jax  # noqa: E402
+import pytest  # noqa: E402
+
+jax.config.update("jax_cpu_enable_async_dispatch", False)  # no environment variable sets it
+
+FEW_DRAWS = 20  # error rates are coarse with it, everything else is as in a real tree
+
+
+@pytest.fixture(scope="session")
+def paper_tree_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The paper's part compiled for the pinhole camera `bundled:bench`; one file for all workers. Not to be changed."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def compile_and_save(path: Path) -> None:
+        from itree_cad.bundled import bundled_part
+
+        from itree_jax.compile import compile_tree
+        from itree_jax.sensing.bundled import bundled_sensor
+        from itree_jax.tree.tree_file import save_tree
+
+        save_tree(compile_tree(bundled_part("ikeuchi-1987"), bundled_sensor("bench"), draws=FEW_DRAWS), path)
+
+    return made_once(shared / "ikeuchi-1987.tree", compile_and_save)
+
+
+@pytest.fixture(scope="session")
+def paper_tree(paper_tree_file: Path):
+    """The tree in `paper_tree_file`."""
+    from itree_jax.tree.tree_file import load_tree
+
+    return load_tree(paper_tree_file)
+
+
+def made_once(path: Path, make: Callable[[Path], None]) -> Path:
+    """`path`, made by the worker that comes first; the others wait. `make` must put it there whole."""
+    lock = path.with_name(f"{path.name}.lock")
+    while not path.exists():
+        try:
+            os.close(os.open(lock, os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            time.sleep(0.1)
+            continue
+        try:
+            if not path.exists():
+                make(path)
+        finally:
+            lock.unlink()
+    return path

@@ -1,0 +1,122 @@
+"""What `itree show` tells of a tree is what is in it."""
+
+import io
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from itree_jax.tree.describe import describe, leaf_node
+from itree_jax.tree.describe_text import as_text
+from itree_jax.tree.tree import PRUNED
+
+
+@pytest.fixture(scope="module")
+def facts(paper_tree):
+    return json.loads(json.dumps(describe(paper_tree), allow_nan=False))
+
+
+def test_it_has_the_seven_labels_of_the_papers_part(facts):
+    """Figure 2f; the view counts are those of the design."""
+    counts = {g["label"]: g["view_count"] for g in facts["groups"]}
+    assert counts == {
+        "11100000": 10, "11000010": 10, "11000001": 10, "11000000": 10, "00010000": 8, "00001100": 10, "00000000": 2,
+    }  # fmt: skip
+    regions = {g["label"]: g["regions"] for g in facts["groups"] if not g["pruned"]}
+    assert regions == {"11100000": 1, "11000010": 1, "11000001": 1, "11000000": 2, "00001100": 2}
+    assert {g["label"] for g in facts["groups"] if g["pruned"]} == {"00010000", "00000000"}
+
+
+def test_groups_partition_the_views(facts):
+    indices = [g["view_indices"] for g in facts["groups"]]
+    assert sorted(sum(indices, [])) == list(range(60))
+    assert [len(views) for views in indices] == [g["view_count"] for g in facts["groups"]]
+    assert all(g["representative_view"] in g["view_indices"] for g in facts["groups"])
+
+
+def test_every_node_divides_one_side_of_its_parent(facts):
+    everything = {g["label"] for g in facts["groups"]}
+    for k, node in enumerate(facts["nodes"]):
+        assert node["id"] == k
+        above = everything if node["parent"] is None else set(facts["nodes"][node["parent"]][node["side"]])
+        assert node["parent"] is None or node["parent"] < k
+        assert set(node["visible"]) | set(node["hidden"]) == above
+        assert not set(node["visible"]) & set(node["hidden"])
+        digits = [facts["faces"][face]["digit"] for face in node["tested_faces"]]
+        assert all(any(label[d] == "1" for d in digits) for label in node["visible"])
+        assert all(label[d] == "0" for label in node["hidden"] for d in digits)
+
+
+def test_a_chosen_rule_has_its_measured_error(facts, paper_tree):
+    for node, rate in zip(facts["nodes"], paper_tree.nodes.error, strict=True):
+        if node["rule"] == PRUNED:
+            assert set(node["rule_errors"].values()) == {None}
+        else:
+            assert node["error_rate"] == node["rule_errors"][node["rule"]] == float(rate)
+            low, high = node["error_interval"]
+            assert low <= node["error_rate"] <= high
+
+
+def test_leaves_are_the_groups_that_are_kept_each_below_its_last_node(facts, paper_tree):
+    assert {leaf["group"] for leaf in facts["leaves"]} == {g["label"] for g in facts["groups"] if not g["pruned"]}
+    for leaf in facts["leaves"]:
+        assert leaf["group"] in facts["nodes"][leaf["node"]][leaf["side"]]
+        deeper = [n for n in facts["nodes"] if (n["parent"], n["side"]) == (leaf["node"], leaf["side"])]
+        assert not any(leaf["group"] in n["visible"] + n["hidden"] for n in deeper)
+        assert all(step["error_rate"] == leaf["rule_errors"][step["rule"]] for step in leaf["steps"])
+    assert leaf_node(paper_tree, 0) == 1  # the wide plane is told at B1
+
+
+def test_faces_are_in_area_order_and_digits_name_the_identifying_ones(facts, paper_tree):
+    areas = [face["area_mm2"] for face in facts["faces"]]
+    assert (np.diff(areas) <= 1e-9).all()
+    named = [face["id"] for face in facts["faces"] if face["digit"] is not None]
+    assert named == facts["identifying_faces"] == paper_tree.groups.identifying_faces.tolist()
+
+
+def test_ambiguities_are_rules_that_err_in_a_quarter_and_open_rotations(paper_tree):
+    count = len(paper_tree.nodes.branch)
+    error = np.array([0.2501 if rule != PRUNED else 0.9 for rule in paper_tree.nodes.rule], np.float32)
+    error[0] = 0.25
+    left = np.array([1, 2, 0, 1, 0, 1, 0], np.int32)
+    tree = replace(
+        paper_tree, nodes=replace(paper_tree.nodes, error=error),
+        determination=replace(paper_tree.determination, rotations_left=left),
+    )  # fmt: skip
+    found = describe(tree)["ambiguities"]
+    nodes = [a["node"] for a in found if a["kind"] == "groups"]
+    assert nodes == [k for k in range(1, count) if paper_tree.nodes.rule[k] != PRUNED]
+    rotations = {a["group"]: a["rotations_left"] for a in found if a["kind"] == "rotation"}
+    assert rotations == {"11000010": 2, "11000001": 0}  # the pruned groups 4 and 6 are no leaves
+    sure = replace(
+        tree, nodes=replace(tree.nodes, error=np.zeros(count, np.float32)),
+        determination=replace(tree.determination, rotations_left=np.ones(7, np.int32)),
+    )  # fmt: skip
+    assert describe(sure)["ambiguities"] == []
+    assert "No ambiguities" in text_of(sure)
+
+
+def text_of(tree) -> str:
+    out = io.StringIO()
+    Console(width=120, file=out).print(as_text(tree))
+    return out.getvalue()
+
+
+def test_the_text_has_every_group_rule_and_error(paper_tree):
+    text = text_of(paper_tree)
+    for label in paper_tree.groups.label_strings:
+        assert text.count(label) >= 2  # in the table of groups and in the drawn tree
+    for k, branch in enumerate(paper_tree.nodes.branch):
+        rule = paper_tree.nodes.rule[k]
+        error = "" if rule == PRUNED else f", errs in {100 * paper_tree.nodes.error[k]:.1f} %"
+        assert any(f"{branch}: any of" in line and line.endswith(f"? {rule}{error}") for line in map(str.rstrip, text.splitlines()))
+
+
+def test_a_tree_with_nothing_to_divide_is_described_too(paper_tree):
+    nodes = paper_tree.nodes
+    none = {f.name: getattr(nodes, f.name)[:0] for f in fields(nodes)}
+    tree = replace(paper_tree, nodes=replace(nodes, **none))
+    assert [leaf["node"] for leaf in describe(tree)["leaves"]] == [None] * 5
+    assert "Rules, with errors" not in text_of(tree)
