@@ -23,6 +23,7 @@ from itree_jax.refine.hypotheses import (
     joined,
     near_symmetries,
     place,
+    rough_share,
     turned_about_axes,
 )
 from itree_jax.refine.observed import ObservedMaps, observe
@@ -34,6 +35,7 @@ from itree_jax.refine.verify import Verdict, verify, visible_centres
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import photometric_stereo
 from itree_jax.sensing.regions import Regions, depth_noise, regions
+from itree_jax.sensing.segments import segment_centres
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import WINDOW_SIZE, mesh_reach, window_camera
 from itree_jax.tree.classify import Classification, ClassificationArrays, classification_arrays, classify
@@ -41,6 +43,7 @@ from itree_jax.tree.determine import DeterminationArrays, determination_arrays, 
 from itree_jax.tree.tree import InterpretationTree
 
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
+PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 REGION_BATCH = 16  # regions are padded to a multiple, so that few shapes are compiled
 
 
@@ -148,6 +151,7 @@ def interpret(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
     )
     hypotheses = as_hypotheses(candidates, tree, found, R_ray_cam, sensor)
+    hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, found, depth, sensor))
     plan = schedule(sensor, tree.part.diameter, noise, tree.spacing)
     observed = observe(np.asarray(needle.normals) * needle.interpretable[..., None], needle_weight(needle), depth, plan.jump)
     model = prepared.model
@@ -228,6 +232,22 @@ def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_ca
     return RegionHypotheses(poses, region, row.reshape(-1), np.where(empty, -np.inf, score).reshape(-1))
 
 
+def placed_by_segment(
+    hypotheses: RegionHypotheses, prepared: Prepared, found: Regions, depth: Float[np.ndarray, "height width"],
+    sensor: Sensor,
+) -> RegionHypotheses:
+    """The same attitudes, placed by all of the surface that hangs together with the region in the depth map.
+
+    A region ends at shadows; the surface doesn't. So the mean of a whole part's surface places a pose well where a
+    region was cut, and badly where parts touch: both placements go on.
+    """
+    centre = segment_centres(found.labels, depth, sensor)
+    shown = visible_centres(hypotheses.poses, prepared.model, sensor.camera, PLACING_SIZE)
+    t_cam_obj = hypotheses.poses.t_cam_obj + centre[hypotheses.region] - shown
+    poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
+    return hypotheses._replace(poses=poses)
+
+
 def narrow(
     hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, rounds: Sequence[Round],
     plan: Schedule,
@@ -239,8 +259,10 @@ def narrow(
             hypotheses.poses, model, observed, sensor.camera, plan.deviations, [step.stage], plan.jump
         )
         hypotheses = hypotheses._replace(poses=poses)
-        verdict, _, _ = verify(poses, model, observed, sensor.camera, step.tolerances, step.stage.size, plan.jump)
-        kept = best_of_each_region(agreement(verdict), hypotheses, step.keep, model.diameter)
+        edges = plan.jump if step.stage.contour else None
+        verdict, _, _ = verify(poses, model, observed, sensor.camera, step.tolerances, step.stage.size, edges)
+        score = agreement(verdict) if step.stage.contour else rough_share(verdict)
+        kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)
         equations = NormalEquations(*(e[kept] for e in equations))
     assert equations is not None

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 # Before anything imports JAX. A folder per worker: two that write one entry at once would make each other warn.
-_CACHE = Path(tempfile.gettempdir()) / f"itree-jax-tests-{getpass.getuser()}" / os.environ.get("PYTEST_XDIST_WORKER", "main")
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "main")
+_CACHE = Path(tempfile.gettempdir()) / f"itree-jax-tests-{getpass.getuser()}" / _WORKER
 _CACHE.mkdir(parents=True, exist_ok=True)
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))  # the commands that tests start use it too
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")

@@ -66,9 +66,8 @@ class Demo:
 
 
 def write_outputs(folder: Path, tree, scene, truth: "Sequence[TrueObject]", found: "Detections") -> None:
-    """Page, tree, scene and results; `itree recognize DIR/scene DIR/*.tree -o results.csv` does the second half again."""
-    from itree_jax.report import write_scene_report
-    from itree_jax.report import write_tree_page
+    """Page, tree, scene and results. `itree recognize DIR/scene DIR/*.tree -o results.csv` recognises again."""
+    from itree_jax.report import write_scene_report, write_tree_page
     from itree_jax.results import write_bop_csv, write_json
     from itree_jax.sensing.scene_writer import write_scene
     from itree_jax.tree.tree_file import save_tree
@@ -78,7 +77,8 @@ def write_outputs(folder: Path, tree, scene, truth: "Sequence[TrueObject]", foun
     write_bop_csv([found], folder / "results.csv")
     write_json([found], folder / "results.json")
     write_tree_page(folder / "tree.html", tree)
-    write_scene_report(folder / PAGE, scene, found, [tree])
+    poses = [(o.obj_id, o.R_cam_obj, o.t_cam_obj) for o in truth]
+    write_scene_report(folder / PAGE, scene, found, [tree], poses)
 
 
 def comparison(part: "Part", found: "Detections", truth: "Sequence[TrueObject]") -> "Table":
@@ -97,14 +97,14 @@ def comparison(part: "Part", found: "Detections", truth: "Sequence[TrueObject]")
     instance = match(errors.mssd, poses.score, RIGHT * part.diameter)
     heads = ("pick", "score", "x y z, mm", "truth", "surface, mm", "rotation, deg", "position, mm")
     worth = [k for k, o in enumerate(truth) if o.visib_fract >= WORTH_FINDING]
-    table = Table(*heads, title=f"{len(set(worth) & set(instance.tolist()))} of {len(worth)} parts visible by "
-                  f"{100 * WORTH_FINDING:.0f} % found, {int((instance < 0).sum())} of {len(found)} answers wrong")
+    counted = f"{len(set(worth) & set(instance.tolist()))} of {len(worth)} parts visible by {100 * WORTH_FINDING:.0f} %"
+    table = Table(*heads, title=f"{counted} found, {int((instance < 0).sum())} of {len(found)} answers wrong")
     for k, d in sorted(enumerate(found), key=lambda item: item[1].offer_rank):
         row = (str(d.offer_rank + 1), f"{d.score:.2f}", " ".join(f"{x:.1f}" for x in d.t_cam_obj))
         j = int(instance[k])
         if j < 0:
             table.add_row(*row, "wrong", f"{errors.mssd[k].min():.1f}", "", "")
         else:
-            table.add_row(*row, f"part {j}", f"{errors.mssd[k, j]:.2f}", f"{np.degrees(errors.rotation[k, j]):.2f}",
-                          f"{errors.translation[k, j]:.2f}")
+            off = (errors.mssd[k, j], np.degrees(errors.rotation[k, j]), errors.translation[k, j])
+            table.add_row(*row, f"part {j}", *(f"{value:.2f}" for value in off))
     return table

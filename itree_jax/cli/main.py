@@ -10,6 +10,7 @@ from itree_kernels.errors import ItreeError
 from itree_jax.cli.compile import Compile
 from itree_jax.cli.demo import Demo
 from itree_jax.cli.evaluate import Evaluate
+from itree_jax.cli.interrupt import heard_everywhere
 from itree_jax.cli.recognize import Recognize
 from itree_jax.cli.show import Show
 from itree_jax.cli.simulate import Simulate
@@ -43,7 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         verb = tyro.extras.subcommand_cli_from_dict(
             VERBS, prog="itree", description=DESCRIPTION, args=arguments, config=(tyro.conf.FlagCreatePairsOff,)
         )
-        verb.run()
+        with heard_everywhere():
+            verb.run()
     except ItreeError as error:
         print(f"itree: {error}", file=sys.stderr)
         return BAD_INPUT

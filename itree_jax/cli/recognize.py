@@ -16,6 +16,7 @@ from itree_jax.cli.terminal import output, progress
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
     from itree_jax.recognize import Prepared
+    from itree_jax.report import IndexEntry
     from itree_jax.sensing.scene_folder import Scene
     from itree_jax.sensor import Sensor
 
@@ -58,13 +59,16 @@ class Recognize:
             check_objects(prepared)
             folders = scene_folders(self.scenes)
             check_numbered(folders)
-            answers = []
+            answers, entries = [], []
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
-                answers.append(self._answer(folder, prepared, pages))
+                scene, fitting, found = answer(folder, prepared)
+                if pages is not None:
+                    entries.append(_write_page(pages, scene, found, fitting))
+                answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
             tell("writing", 1.0)
             if pages is not None:
-                _write_index(pages, answers)
+                _write_index(pages, entries)
             write_bop_csv(answers, self.output)
             if self.json is not None:
                 write_json(answers, self.json)
@@ -83,17 +87,14 @@ class Recognize:
         check_file(self.json)
         check_folder(self.report)
 
-    def _answer(self, folder: Path, prepared: "Sequence[Prepared]", pages: Path | None) -> "Detections":
-        try:
-            scene, fitting = load_with_trees(folder, prepared)
-            detections = recognize_scene(scene, fitting)
-        except ItreeError as error:
-            raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
-        if pages is not None:
-            from itree_jax.report import write_scene_report
 
-            write_scene_report(pages / page_name(detections), scene, detections, [p.tree for p in fitting])
-        return replace(detections, labels=None)  # a label image per scene would fill the memory
+def answer(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scene, list[Prepared], Detections]":
+    """A scene, the trees that fit its lights, and what they found in it; errors name the scene."""
+    try:
+        scene, fitting = load_with_trees(folder, prepared)
+        return scene, fitting, recognize_scene(scene, fitting)
+    except ItreeError as error:
+        raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
 
 
 def load_with_trees(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scene, list[Prepared]]":
@@ -147,8 +148,8 @@ def check_objects(prepared: "Sequence[Prepared]") -> None:
         name = names.setdefault(one.tree.obj_id, one.tree.part.name)
         if name != one.tree.part.name:
             raise ItreeError(
-                f"the trees of '{name}' and '{one.tree.part.name}' are both of object {one.tree.obj_id}; compile one of "
-                "them with another --obj-id"
+                f"the trees of '{name}' and '{one.tree.part.name}' are both of object {one.tree.obj_id}; compile one "
+                "of them with another --obj-id"
             )
 
 
@@ -157,10 +158,6 @@ def check_numbered(folders: Sequence[Path]) -> None:
     wrong = [folder for folder in folders if not folder.name.isdecimal()] if len(folders) > 1 else []
     if wrong:
         raise ItreeError(f"{wrong[0]}: among several scenes, each folder's name must be its number, such as 000001")
-
-
-def page_name(detections: "Detections") -> str:
-    return f"scene_{detections.scene_id:06d}.html"
 
 
 def answer_table(answers: "Sequence[Detections]"):
@@ -178,7 +175,15 @@ def _report_folder(path: Path | None):
     return nullcontext() if path is None else staged_folder(path)
 
 
-def _write_index(pages: Path, answers: "Sequence[Detections]") -> None:
+def _write_page(pages: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> "IndexEntry":
+    from itree_jax.report import index_entry, write_scene_report
+
+    page, trees = pages / f"scene_{found.scene_id:06d}.html", [p.tree for p in fitting]
+    write_scene_report(page, scene, found, trees)
+    return index_entry(page, scene, found, trees)
+
+
+def _write_index(pages: Path, entries: "Sequence[IndexEntry]") -> None:
     from itree_jax.report import write_index
 
-    write_index(pages, [(a, page_name(a)) for a in answers])
+    write_index(pages, entries)

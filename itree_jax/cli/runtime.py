@@ -15,7 +15,7 @@ def start_jax() -> None:
     import jax
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-    if jax.config.jax_compilation_cache_dir is not None:
+    if jax.config.values["jax_compilation_cache_dir"] is not None:
         return
     folder = cache_folder() / "jax"
     try:

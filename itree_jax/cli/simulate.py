@@ -41,7 +41,7 @@ class Simulate:
     def run(self) -> None:
         """Raises ItreeError about model, sensor, numbers or output, or when the physics engine is missing."""
         check_folder(self.output)
-        if self.output.is_dir() and any(os.scandir(self.output)):
+        if self.output.is_dir() and os.listdir(self.output):
             raise ItreeError(f"{self.output} is not empty; remove it or choose another folder")
         with progress(self.quiet) as tell:
             tell("loading", 0.0)

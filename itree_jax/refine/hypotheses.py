@@ -52,9 +52,19 @@ def evidence(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
 
 def agreement(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
     """Share of what the pose should show that the scene shows, in 0..1: pixels times contour."""
+    return pixel_share(verdict) * contour_share(verdict)
+
+
+def pixel_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Agreeing less contradicting pixels, of those that are visible; a hidden pixel is half a doubt."""
     visible = verdict.agreeing + verdict.contradicting
-    share = (verdict.agreeing - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
-    return share * contour_share(verdict)
+    return (verdict.agreeing - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
+
+
+def rough_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """`pixel_share` by how closely pixels agree: ranks rough poses under wide tolerances, without contours."""
+    visible = verdict.agreeing + verdict.contradicting
+    return (verdict.closeness - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
 
 
 def contour_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:

@@ -9,7 +9,7 @@ from itree_kernels.camera import Camera
 from jaxtyping import Array, Bool, Float, Int
 
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
-EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over this neighbourhood (pixel steps are 90 degrees)
+EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over so much (pixel steps are 90 degrees)
 
 
 class ObservedMaps(NamedTuple):
@@ -87,7 +87,8 @@ def observe(
     table = np.full((size, 5), 1e6, np.float32)
     label = np.zeros(grid.shape, np.int32)
     if count:
-        _, nearest = cv2.distanceTransformWithLabels(grid, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        labels = cv2.distanceTransformWithLabels(grid, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)[1]
+        nearest = np.asarray(labels, np.int32)
         index_of = np.zeros(nearest.max() + 1, np.int32)
         index_of[nearest[half[:, 1], half[:, 0]]] = np.arange(count)
         label = index_of[nearest]

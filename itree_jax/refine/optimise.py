@@ -11,10 +11,11 @@ import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from itree_kernels.mesh import RayMesh
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from itree_jax.refine.observed import CameraArrays, ObservedMaps, camera_arrays
 from itree_jax.refine.residuals import Deviations, NormalEquations, Predicted, total_equations
+from itree_jax.sensing.needle import Array
 
 DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
 SMALLEST_BATCH = 16
@@ -46,6 +47,7 @@ class Stage:
     depth_gate: tuple[float, float]
     needle_gate: tuple[float, float]
     contour_gate: tuple[float, float]
+    contour: bool = True  # False: no contours are looked for, which halves the time of a rough stage
 
 
 def batch_size(count: int) -> int:
@@ -163,7 +165,8 @@ def refine(
         stride = window_stride(camera, model.reach, distance, stage.size)
         for step in range(stage.steps):
             origin = window_origins(camera, t, stage.size, stride)
-            found = correspondences(model.mesh, R, t, camera, origin, stage.size, stride, model.reach, jump)
+            edges = jump if stage.contour else None
+            found = correspondences(model.mesh, R, t, camera, origin, stage.size, stride, model.reach, edges)
             now = deviations._replace(
                 depth_gate=jnp.float32(ramp(stage.depth_gate, step, stage.steps)),
                 needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),

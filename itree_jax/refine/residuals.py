@@ -7,9 +7,10 @@ A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from itree_jax.refine.observed import CameraArrays, ObservedMaps
+from itree_jax.sensing.needle import Array
 
 
 class Predicted(NamedTuple):

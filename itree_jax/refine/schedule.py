@@ -64,6 +64,11 @@ def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> S
 
     rounds = (
         Round(
+            Stage(1, 16, (start, start), (1.0, 1.0), (1.0, 1.0), contour=False),
+            64,
+            tolerances(start, np.radians(45.0), max(jump, start)),
+        ),
+        Round(
             Stage(2, 24, (start, start), (1.0, 1.0), (start / pitch, start / pitch)),
             20,
             tolerances(middle, np.radians(35.0), max(jump, middle)),
@@ -80,8 +85,8 @@ def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> S
         ),
     )
     turned = (
-        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[1].tolerances),
-        Round(Stage(6, 64, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[2].tolerances),
+        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
+        Round(Stage(6, 64, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
     )
     values = (max(noise, 0.1 * pitch), max(DEPTH_BIAS * noise, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)

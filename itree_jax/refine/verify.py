@@ -1,18 +1,19 @@
 """Verification by rendering: which pixels agree with a pose, contradict it, or are hidden by something nearer."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import correspondences
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from itree_jax.refine.observed import CameraArrays, ObservedMaps, camera_arrays
+from itree_jax.refine.observed import ObservedMaps
 from itree_jax.refine.optimise import Hypotheses, RefineModel, as_predicted, padded, window_origins, window_stride
 from itree_jax.refine.residuals import Predicted, look_up
+from itree_jax.sensing.needle import Array
 
 CONTOUR_STEP = 2.5  # [px] how far outside of its contour a pose is asked whether the surface goes on
 
@@ -26,21 +27,21 @@ class Tolerances(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Counts of window pixels and of contour points per hypothesis."""
+    """Counts of window pixels and of contour points per hypothesis (JAX arrays inside of compiled functions)."""
 
-    agreeing: Float[Array, "*h"]  # depth agrees, and so do the needles where there are any
-    closeness: Float[Array, "*h"]  # sum over the agreeing pixels of 1 - (gap / tolerance)^2, for depth and needle each half
-    needles_agreeing: Float[Array, "*h"]  # of these, pixels with an agreeing needle
-    contradicting: Float[Array, "*h"]  # the scene is behind the pose, or its needle points elsewhere
-    hidden: Float[Array, "*h"]  # something is nearer
-    contour_found: Float[Array, "*h"]  # contour points outside of which the surface ends
-    contour_missed: Float[Array, "*h"]  # contour points outside of which it goes on as if there were no contour
-    explained: Bool[Array, "*h s s"]  # the agreeing pixels of the window
+    agreeing: Float[np.ndarray, "*h"]  # depth agrees, and so do the needles where there are any
+    closeness: Float[np.ndarray, "*h"]  # sum over agreeing pixels of 1 - (gap / tolerance)^2, half depth, half needle
+    needles_agreeing: Float[np.ndarray, "*h"]  # of these, pixels with an agreeing needle
+    contradicting: Float[np.ndarray, "*h"]  # the scene is behind the pose, or its needle points elsewhere
+    hidden: Float[np.ndarray, "*h"]  # something is nearer
+    contour_found: Float[np.ndarray, "*h"]  # contour points outside of which the surface ends
+    contour_missed: Float[np.ndarray, "*h"]  # contour points outside of which it goes on as if there were no contour
+    explained: Bool[np.ndarray, "*h s s"]  # the agreeing pixels of the window
 
 
 def verify_one(
-    R_cam_obj: Float[Array, "3 3"], predicted: Predicted, observed: ObservedMaps, normal_obj: Float[Array, "triangles 3"],
-    tolerances: Tolerances, size: int, stride: int,
+    R_cam_obj: Float[Array, "3 3"], predicted: Predicted, observed: ObservedMaps,
+    normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: int,
 ) -> Verdict:
     """The verdict on one hypothesis at the pixels of its window."""
     window = look_up(observed, predicted.origin_uv, size, stride)
@@ -57,11 +58,16 @@ def verify_one(
     hidden = hit & (across <= -tolerances.depth)
 
     found, missed = contour_support(predicted, observed, tolerances, size)
-    total = lambda mask: jnp.sum(mask.astype(jnp.float32))
+
+    def total(mask: Bool[Array, "s s"]) -> Float[Array, ""]:
+        return jnp.sum(mask.astype(jnp.float32))
+
     turn = jnp.clip((1.0 - cosine) / (1.0 - jnp.cos(tolerances.needle)), 0.0, 1.0)
     close = 1.0 - 0.5 * jnp.square(jnp.clip(across / tolerances.depth, -1.0, 1.0)) - 0.5 * jnp.where(needle, turn, 0.5)
     closeness = jnp.sum(jnp.where(agree, close, 0.0))
-    return Verdict(total(agree), closeness, total(agree & needle), total(contradict), total(hidden), found, missed, agree)
+    of_pixels = (total(agree), closeness, total(agree & needle), total(contradict), total(hidden))
+    values: Any = (*of_pixels, found, missed, agree)
+    return Verdict(*values)
 
 
 def contour_support(
@@ -69,6 +75,8 @@ def contour_support(
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Contour points outside of which the observed surface ends, and those where it goes on."""
     z = predicted.contour_depth
+    if z.size == 0:
+        return jnp.zeros(()), jnp.zeros(())
     hit = predicted.triangle >= 0
     depth = jnp.where(hit, predicted.depth, jnp.inf)
     right = jnp.concatenate([depth[:, 1:], jnp.full((size, 1), jnp.inf)], axis=1)
@@ -97,15 +105,20 @@ def verify_batch(
     R_cam_obj: Float[Array, "hypotheses 3 3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: int,
 ) -> Verdict:
-    one = lambda R, seen: verify_one(R, seen, observed, normal_obj, tolerances, size, stride)
+    def one(R: Float[Array, "3 3"], seen: Predicted) -> Verdict:
+        return verify_one(R, seen, observed, normal_obj, tolerances, size, stride)
+
     return jax.vmap(one)(R_cam_obj, predicted)
 
 
 def verify(
     hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps, camera: Camera, tolerances: Tolerances,
-    size: int, jump: float,
+    size: int, jump: float | None,
 ) -> tuple[Verdict, Float[np.ndarray, "hypotheses 2"], int]:
-    """Renders every hypothesis and compares. Returns the verdicts, window origins [px] and the stride [px]."""
+    """Renders every hypothesis and compares. Returns the verdicts, window origins [px] and the stride [px].
+
+    Without a `jump` contours aren't looked for, and none is found or missed.
+    """
     count = len(hypotheses.t_cam_obj)
     R, t = padded(hypotheses)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)

@@ -1,15 +1,18 @@
-"""What a tree cannot tell apart: symmetries, branches whose best rule errs often, rotations that no rule settles."""
+"""What a tree cannot tell apart, in sentences: symmetries, and what `describe` lists as ambiguities."""
 
 import numpy as np
 
 from itree_jax.report.markup import count_of, percent
-from itree_jax.tree.choice import ERROR_BOUND
-from itree_jax.tree.tree import PRUNED, InterpretationTree
+from itree_jax.tree.describe import ambiguities
+from itree_jax.tree.tree import InterpretationTree
 
 
-def ambiguities(tree: InterpretationTree) -> tuple[str, ...]:
-    """Sentences in plain text, the most fundamental first; none when the tree tells every attitude."""
-    return (*symmetry_notes(tree), *branch_notes(tree), *rotation_notes(tree))
+def ambiguity_notes(tree: InterpretationTree) -> tuple[str, ...]:
+    """Plain text, the most fundamental first; none when the tree tells every attitude."""
+    found = ambiguities(tree)
+    groups = sorted((a for a in found if a["kind"] == "groups"), key=lambda a: -a["error_rate"])
+    rotations = [a for a in found if a["kind"] == "rotation"]
+    return (*symmetry_notes(tree), *(group_note(a) for a in groups), *rotation_notes(rotations))
 
 
 def symmetry_notes(tree: InterpretationTree) -> list[str]:
@@ -25,33 +28,20 @@ def symmetry_notes(tree: InterpretationTree) -> list[str]:
     return notes
 
 
-def branch_notes(tree: InterpretationTree) -> list[str]:
-    """Branches whose chosen rule errs more often than the bound."""
-    nodes, notes = tree.nodes, []
-    for k in np.argsort(-nodes.error, kind="stable"):
-        if nodes.rule[k] == PRUNED or nodes.error[k] <= ERROR_BOUND:
-            continue
-        visible, hidden = (side_labels(tree, side[k]) for side in (nodes.visible, nodes.hidden))
-        notes.append(
-            f"{nodes.branch[k]}: the best rule ({nodes.rule[k]}) errs in {percent(float(nodes.error[k]))} of the draws "
-            f"between {visible} and {hidden}; both sides go on with their likelihoods."
-        )
+def group_note(ambiguity: dict) -> str:
+    """A branch whose best rule errs often."""
+    visible, hidden = (", ".join(labels) for labels in ambiguity["groups"])
+    return (
+        f"{ambiguity['branch']}: the best rule ({ambiguity['rule']}) errs in {percent(ambiguity['error_rate'])} of the "
+        f"draws between {visible} and {hidden}; both sides go on with their likelihoods."
+    )
+
+
+def rotation_notes(rotations: list[dict]) -> list[str]:
+    """Groups whose determination rules leave rotations, together by how many these are."""
+    notes = []
+    for left in sorted({a["rotations_left"] for a in rotations}):
+        labels = ", ".join(a["group"] for a in rotations if a["rotations_left"] == left)
+        said = "the rotation open" if left == 0 else count_of(left, "rotation")
+        notes.append(f"The determination rules of {labels} leave {said}: all candidates go on to refinement.")
     return notes
-
-
-def rotation_notes(tree: InterpretationTree) -> list[str]:
-    """Groups whose determination rules leave rotations."""
-    left, notes = tree.determination.rotations_left, []
-    kept = ~tree.groups.pruned
-    for count, said in ((0, "leave the rotation open: all candidates go on to refinement"),
-                        (2, "leave two rotations: both go on to refinement")):  # fmt: skip
-        members = kept & (left == count)
-        if members.any():
-            notes.append(f"The determination rules of {side_labels(tree, members)} {said}.")
-    return notes
-
-
-def side_labels(tree: InterpretationTree, members: np.ndarray) -> str:
-    """Labels of the groups that are not pruned."""
-    chosen = np.flatnonzero(members & ~tree.groups.pruned)
-    return ", ".join(tree.groups.label_strings[g] for g in chosen) or "pruned groups"

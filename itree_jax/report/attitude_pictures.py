@@ -1,5 +1,6 @@
 """Pictures of the part itself: representative attitudes with what is detectable, and the identifying faces."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -21,7 +22,7 @@ FILL = 0.94  # of the picture that the part's sphere takes
 LIGHT, DARK = 0.97, 0.62  # grey of surfaces that face the viewer, and of steep ones
 SHADE = 0.30  # how much darker a coloured face gets with its slant
 LEAST_BADGE = 0.004  # of the picture: smaller pieces of a face carry no number
-MOST_FACE_VIEWS = 4
+MOST_FACE_VIEWS = 6  # from all sides
 
 Cutout = UInt8[np.ndarray, "h w 4"]
 
@@ -33,6 +34,7 @@ class PartView:
     face: Int[np.ndarray, "h w"]  # -1 where nothing
     facing: Float[np.ndarray, "h w"]  # cosine of the slant, 0 where nothing
     detectable: Bool[np.ndarray, "h w"]
+    px_per_mm: float
 
 
 def part_views(part: Part, sensor: Sensor, R_cam_obj: Float[np.ndarray, "views 3 3"]) -> list[PartView]:
@@ -50,7 +52,7 @@ def part_view(mesh: RayMesh, part: Part, sensor: Sensor, R: Float[np.ndarray, "3
     t = np.array([0.0, 0.0, 4.0 * reach]) - R @ middle
     shapes = cast_apparent_shapes(mesh, R[None], t[None], camera, sensor.light_directions, sensor.slant_limit)
     facing = np.maximum(-shapes.normal[0, ..., 2], 0.0)
-    return PartView(shapes.face[0].astype(np.int32), facing, shapes.detectable[0])
+    return PartView(shapes.face[0].astype(np.int32), facing, shapes.detectable[0], scale)
 
 
 def colour_of_faces(tree: InterpretationTree) -> list[Rgb]:
@@ -74,12 +76,13 @@ def cutout(tree: InterpretationTree, view: PartView, coloured: Bool[np.ndarray, 
     rgb[paint] = table[view.face[paint]] * (1.0 - SHADE * (1.0 - view.facing[paint]))[:, None]
     borders = edges(view.face)
     rgb[borders & hit] = 70.0
-    rgb[edges(np.where(coloured, view.face, -2), 3) & cv2.dilate(paint.astype(np.uint8), np.ones((3, 3))).astype(bool)] = 10.0
+    rgb[edges(np.where(coloured, view.face, -2), 3) & grown(paint)] = 10.0
     picture = np.clip(rgb, 0, 255).astype(np.uint8)
+    bare = picture.copy()
     for digit, face in enumerate(tree.groups.identifying_faces):
         number_pieces(picture, paint & (view.face == face), str(digit + 1), cycle(digit))
-    alpha = np.where(hit | cv2.dilate(hit.astype(np.uint8), np.ones((3, 3))).astype(bool), 255, 0).astype(np.uint8)
-    return shrunk(np.dstack([picture, alpha]))
+    opaque = grown(hit) | (picture != bare).any(axis=2)  # a number may stand out over the part's rim
+    return shrunk(np.dstack([picture, np.where(opaque, 255, 0).astype(np.uint8)]))
 
 
 def number_pieces(picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], label: str, colour: Rgb) -> None:
@@ -90,13 +93,26 @@ def number_pieces(picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h
             badge(picture, innermost(pieces == k), label, colour, 0.5 * FINER)
 
 
-def shrunk(picture: Cutout) -> Cutout:
+def shrunk(picture: Cutout) -> UInt8[np.ndarray, "side side 4"]:
     """To its final size; colours are weighted by alpha, so that no dark rim appears."""
     alpha = picture[..., 3:].astype(np.float32) / 255.0
     premultiplied = np.concatenate([picture[..., :3] * alpha, alpha], axis=2).astype(np.float32)
     small = cv2.resize(premultiplied, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
     rgb = small[..., :3] / np.maximum(small[..., 3:], 1e-6)
     return np.clip(np.round(np.concatenate([rgb, 255.0 * small[..., 3:]], axis=2)), 0, 255).astype(np.uint8)
+
+
+def grown(mask: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """By one pixel to all sides."""
+    return cv2.dilate(mask.astype(np.uint8), np.ones((3, 3))).astype(bool)
+
+
+def trimmed(pictures: Sequence[Cutout]) -> list[Cutout]:
+    """Without the rows that are empty in all of them, so that their scale stays the same."""
+    used = np.flatnonzero(np.any([p[..., 3].any(axis=1) for p in pictures], axis=0))
+    if len(used) == 0:
+        return list(pictures)
+    return [p[used[0] : used[-1] + 1] for p in pictures]
 
 
 def edges(ids: Int[np.ndarray, "h w"], width: int = 1) -> Bool[np.ndarray, "h w"]:
@@ -110,15 +126,15 @@ def edges(ids: Int[np.ndarray, "h w"], width: int = 1) -> Bool[np.ndarray, "h w"
 def attitude_cutouts(tree: InterpretationTree) -> list[Cutout]:
     """Each group's representative attitude with its detectable regions in colour."""
     views = part_views(tree.part, tree.sensor, tree.groups.representative_rotations())
-    return [cutout(tree, view, view.detectable) for view in views]
+    return trimmed([cutout(tree, view, view.detectable) for view in views])
 
 
-def face_cutouts(tree: InterpretationTree) -> list[Cutout]:
-    """The part from as few directions of the dome as show all identifying faces (at most `MOST_FACE_VIEWS`)."""
+def face_cutouts(tree: InterpretationTree) -> tuple[list[int], list[Cutout]]:
+    """The part from few views of the dome that together show the identifying faces: the views, and a picture each."""
     chosen = covering_views(tree)
     views = part_views(tree.part, tree.sensor, tree.groups.R_cam_obj[chosen])
     faces = tree.groups.identifying_faces
-    return [cutout(tree, view, np.isin(view.face, faces)) for view in views]
+    return chosen, trimmed([cutout(tree, view, np.isin(view.face, faces)) for view in views])
 
 
 def covering_views(tree: InterpretationTree) -> list[int]:

@@ -92,8 +92,9 @@ def card(directory: Path, e: IndexEntry) -> str:
     elif e.best_score < DOUBTFUL:
         chip = ' <b class="chip warn">low score</b>'
     time = f"{number(e.time)} s" if e.time >= 0 else "time not measured"
+    lost = f"{count_of(e.lost, 'region')} without a pose of {'its' if e.lost == 1 else 'their'} own"
     return (
         f'<a href="{text(link)}">{image(e.thumbnail, f"{e.title}: poses on the image")}<b>{text(e.title)}</b>{chip}'
         f"<span>{count_of(e.count, 'pose')}{score}</span>"
-        f"<span>{count_of(e.lost, 'region')} without a pose of {'its' if e.lost == 1 else 'their'} own · {time}</span></a>"
+        f"<span>{lost} · {time}</span></a>"
     )

@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from typing import SupportsFloat
 
 import cv2
 import numpy as np
@@ -26,20 +27,23 @@ def text(value: object) -> str:
     return escape(str(value), quote=True)
 
 
-def number(value: float | None, digits: int = 1) -> str:
+def number(value: SupportsFloat | None, digits: int = 1) -> str:
     """With a real minus sign; a dash where it is not known, an infinity sign where nothing bounds it."""
-    if value is None or np.isnan(value):
+    x = np.nan if value is None else float(value)
+    if np.isnan(x):
         return NOT_KNOWN
-    if np.isinf(value):
-        return "∞" if value > 0 else f"{MINUS}∞"
-    shown = f"{float(value):.{digits}f}"
+    if np.isinf(x):
+        return "∞" if x > 0 else f"{MINUS}∞"
+    shown = f"{x:.{digits}f}"
     if float(shown) == 0.0:
         shown = shown.removeprefix("-")
     return shown.replace("-", MINUS)
 
 
-def percent(value: float | None, digits: int = 1) -> str:
-    return NOT_KNOWN if value is None or np.isnan(value) else f"{number(100.0 * value, digits)} %"
+def percent(value: SupportsFloat | None, digits: int = 1) -> str:
+    """A share in percent; a dash where it is not known."""
+    shown = number(None if value is None else 100.0 * float(value), digits)
+    return shown if shown == NOT_KNOWN else f"{shown} %"
 
 
 def count_of(count: int, one: str, many: str | None = None) -> str:

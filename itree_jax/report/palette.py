@@ -8,13 +8,14 @@ SKY: Rgb = (86, 180, 233)
 GREEN: Rgb = (0, 158, 115)
 YELLOW: Rgb = (240, 228, 66)
 BLUE: Rgb = (0, 114, 178)
+WINE: Rgb = (136, 34, 85)  # of Tol's muted set: an eighth colour that stays apart from the seven
 VERMILLION: Rgb = (213, 94, 0)
 PURPLE: Rgb = (204, 121, 167)
 GREY: Rgb = (150, 150, 150)
 WHITE: Rgb = (255, 255, 255)
 BLACK: Rgb = (0, 0, 0)
 
-CYCLE = (ORANGE, SKY, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
+CYCLE = (ORANGE, SKY, GREEN, YELLOW, VERMILLION, PURPLE, BLUE, WINE)
 
 # These three differ in lightness too, so that a print in grey still tells them apart.
 AGREE, CONTRADICT, HIDDEN = SKY, VERMILLION, YELLOW
@@ -22,7 +23,7 @@ TRUTH = WHITE
 
 
 def cycle(k: int) -> Rgb:
-    """Colour of the k-th thing; after seven they repeat."""
+    """Colour of the k-th thing; after eight they repeat."""
     return CYCLE[k % len(CYCLE)]
 
 

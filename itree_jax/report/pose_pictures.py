@@ -19,6 +19,7 @@ CROP_MARGIN = 10  # [px] around a pose in its own picture
 CROP_HEIGHT = 200  # [px]
 DASH = 7  # [px] of the truth's dashed lines
 BADGE_SIZE = 0.55  # of OpenCV's font, on a picture 640 px wide
+LEAST_BADGE_SIZE = 0.4  # smaller digits cannot be read
 CODE_COLOURS = ((AGREES, AGREE), (CONTRADICTS, CONTRADICT), (IS_HIDDEN, HIDDEN))
 
 Line = Int[np.ndarray, "points 1 2"]
@@ -53,7 +54,7 @@ def overlay(
     for shown in poses:
         spot = innermost(shown.pose.hit & ~behind(shown.pose, nearest, shown.tolerance))
         uv = spot + np.array([shown.pose.left, shown.pose.top])
-        badge(picture, uv, shown.name, shown.colour, BADGE_SIZE * picture.shape[1] / 640)
+        badge(picture, uv, shown.name, shown.colour, max(LEAST_BADGE_SIZE, BADGE_SIZE * picture.shape[1] / 640))
     return picture
 
 
@@ -74,11 +75,12 @@ def draw_creases(
 
 def draw_silhouette(picture: Picture, shown: Outlined, nearest: Float[np.ndarray, "h w"], width: int) -> None:
     """A bold line with a dark rim where it is seen, a thin weak one where it is hidden."""
-    hidden = behind(shown.pose, nearest, shown.tolerance)
+    hidden: np.ndarray = behind(shown.pose, nearest, shown.tolerance)
     seen_pieces, hidden_pieces = [], []
     for line in silhouettes(shown.pose):
-        at = line[:, 0] - (shown.pose.left, shown.pose.top)
-        for piece, is_hidden in runs(line, hidden[at[:, 1], at[:, 0]]):
+        at = line[:, 0] - np.array([shown.pose.left, shown.pose.top])
+        flag = np.asarray(hidden[at[:, 1], at[:, 0]])
+        for piece, is_hidden in runs(line, flag):
             (hidden_pieces if is_hidden else seen_pieces).append(piece)
     weak = picture.copy()
     cv2.polylines(weak, hidden_pieces, False, shown.colour, max(1, width - 1), cv2.LINE_AA)

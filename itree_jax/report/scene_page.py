@@ -25,8 +25,8 @@ from itree_jax.tree.tree import InterpretationTree
 STEPS_KEY = (
     '<p class="muted">Margins are log-likelihoods [nat] by which the side taken beat the other; a negative one means '
     "that other evidence overruled the rule. Quantities named “log” are natural logarithms of lengths in mm, all "
-    "others have no unit. Histograms: what noisy draws of the model gave on the visible side (up) and on the hidden side "
-    "(down); the line is the measured value.</p>"
+    "others have no unit. Histograms: what noisy draws of the model gave on the visible side (up) and on the hidden "
+    "side (down); the line is the measured value.</p>"
 )
 
 

@@ -14,6 +14,7 @@ WHITE_PERCENTILE = 99.5  # brighter pixels (highlights) are shown white
 NEEDLE_STEP = 14  # [px] of a picture 640 px wide: one needle in each square of this side
 NEEDLE_LENGTH = 1.6  # of the step: a needle lying in the image plane
 NOTHING = 40  # grey value where nothing was measured
+DEEP = 0.9  # of the greatest distance from a mask's outside
 VIRIDIS = cv2.COLORMAP_VIRIDIS
 
 
@@ -136,10 +137,10 @@ def region_picture(
 
 
 def innermost(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "2"]:
-    """The pixel (u, v) of a mask that is farthest from its outside: where a number is placed."""
+    """A pixel (u, v) of a mask far from its outside, where a number is placed; of several such the most central one."""
     distance = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    v, u = np.unravel_index(int(np.argmax(distance)), mask.shape)
-    return np.array([u, v], float)
+    vu = np.argwhere(distance >= DEEP * distance.max())
+    return vu[np.argmin(((vu - vu.mean(axis=0)) ** 2).sum(axis=1))][::-1].astype(float)
 
 
 def badge(picture: Picture, uv: Float[np.ndarray, "2"], label: str, colour: Rgb, size: float) -> None:

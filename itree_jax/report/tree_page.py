@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from itree_jax.report.ambiguities import ambiguities
+from itree_jax.report.ambiguities import ambiguity_notes
 from itree_jax.report.attitude_pictures import attitude_cutouts, face_cutouts
 from itree_jax.report.markup import figure, image, number, swatches, text, tiles, write_page
 from itree_jax.report.palette import GREY, css, cycle
@@ -47,8 +47,8 @@ and numbered what is detectable (all lights reach it, slant under the limit); gr
 <div class="attitudes">{group_figures(tree)}</div>
 {group_table(tree)}</section>
 <section><h2>Classification rules</h2>
-<p class="muted">Share of noisy draws that each rule sends to the wrong side of a branch, groups weighted by their views.
-Bold: the rule chosen (policy {text(tree.policy)}).</p>
+<p class="muted">Share of noisy draws that each rule sends to the wrong side of a branch, groups weighted by their
+views. Bold: the rule chosen (policy {text(tree.policy)}), with the 95 % interval of its error.</p>
 {branch_table(tree)}</section>
 <section><h2>Attitude determination rules</h2>
 <p class="muted">Share of noisy draws whose attitude a rule leaves more than 20° from the truth, with 95 % intervals; in
@@ -82,10 +82,8 @@ def face_legend(tree: InterpretationTree) -> list[tuple[str, str]]:
 
 
 def face_figures(tree: InterpretationTree) -> str:
-    pictures = face_cutouts(tree)
-    names = ["Identifying faces", *["the same, turned"] * (len(pictures) - 1)]
     alt = "the part with its identifying faces numbered"
-    return "".join(figure(image(p, alt), name) for p, name in zip(pictures, names, strict=True))
+    return "".join(figure(image(p, alt), f"From dome view {k}") for k, p in zip(*face_cutouts(tree), strict=True))
 
 
 def group_figures(tree: InterpretationTree) -> str:
@@ -100,7 +98,7 @@ def group_figures(tree: InterpretationTree) -> str:
 
 
 def ambiguity_list(tree: InterpretationTree) -> str:
-    notes = ambiguities(tree)
+    notes = ambiguity_notes(tree)
     if not notes:
-        return "<p>None: the rules tell every attitude under the error bound.</p>"
+        return "<p>None: the rules tell all groups and rotations apart.</p>"
     return "<ul>" + "".join(f"<li>{text(note)}</li>" for note in notes) + "</ul>"

@@ -125,16 +125,18 @@ def rule_cell(tree: InterpretationTree, g: int, k: int) -> str:
 def sensor_table(sensor: Sensor) -> str:
     """What decides what is detectable."""
     camera, noise = sensor.camera, sensor.noise
-    lights = "<br>".join(light_words(d, float(e)) for d, e in zip(sensor.light_directions, sensor.light_intensities, strict=True))
+    pairs = zip(sensor.light_directions, sensor.light_intensities, strict=True)
+    lights = "<br>".join(light_words(direction, float(intensity)) for direction, intensity in pairs)
+    size = f"{camera.width} by {camera.height} px, {number(sensor.mm_per_px, 3)} mm per px"
+    electrons = f"full well {number(noise.full_well_e, 0)} electrons, read noise {number(noise.read_noise_e)} electrons"
     rows = [
-        ["camera", f"{text(camera.kind)}, {camera.width} by {camera.height} px, {number(sensor.mm_per_px, 3)} mm per px"],
+        ["camera", f"{text(camera.kind)}, {size}"],
         ["working distance", f"{number(sensor.working_distance, 0)} mm"],
         ["lights", lights],
         ["slant limit", f"{number(float(np.degrees(sensor.slant_limit)))}°"],
         ["smallest region", f"{number(sensor.smallest_region, 0)} mm²"],
-        ["noise", f"full well {number(noise.full_well_e, 0)} electrons, read noise {number(noise.read_noise_e)} electrons, "
-                  f"{noise.bits} bits"],
-    ]  # fmt: skip
+        ["noise", f"{electrons}, {noise.bits} bits"],
+    ]
     return table(["", ""], [[f"<b>{name}</b>", value] for name, value in rows], css_class="plain")
 
 

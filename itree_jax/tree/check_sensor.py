@@ -23,8 +23,8 @@ def check_sensor(tree: InterpretationTree, sensor: Sensor) -> None:
     found = sensor_differences(tree.sensor, sensor)
     if found:
         raise ItreeError(
-            f"the tree of '{tree.part.name}' (object {tree.obj_id}) was compiled for another sensor: {'; '.join(found)}. "
-            "Compile the part for this sensor (itree compile MODEL --sensor SCENE -o TREE)."
+            f"the tree of '{tree.part.name}' (object {tree.obj_id}) was compiled for another sensor: "
+            f"{'; '.join(found)}. Compile the part for this sensor (itree compile MODEL --sensor SCENE -o TREE)."
         )
 
 

@@ -1,4 +1,4 @@
-"""What is in a tree, as plain data: groups, faces, nodes, leaves, ambiguities, symmetries, sensor (`itree show --json`)."""
+"""What is in a tree, as plain data: groups, faces, nodes, leaves, ambiguities, sensor (`itree show --json`)."""
 
 from typing import Any
 
@@ -115,18 +115,17 @@ def leaves(tree: InterpretationTree) -> list[dict[str, Any]]:
     for g in np.flatnonzero(~tree.groups.pruned):
         rates, intervals = (dict(zip(d.rules, values[g], strict=True)) for values in (d.error, d.error_interval))
         node = leaf_node(tree, int(g))
+        steps = [{"rule": r, "error_rate": rates[r], "error_interval": intervals[r]} for r in d.steps[g]]
         found.append({
             "group": tree.groups.label_strings[g],
             "node": node,
             "side": None if node is None else _side(bool(tree.nodes.visible[node, g])),
-            "steps": [
-                {"rule": rule, "error_rate": rates[rule], "error_interval": intervals[rule]} for rule in d.steps[g]
-            ],
+            "steps": steps,
             "rule_errors": rates,
             "draws": int(d.draws[g]),
             "rotations_left": int(d.rotations_left[g]),
             "remaining_freedom": remaining_freedom(int(d.rotations_left[g])),
-        })
+        })  # fmt: skip
     return found
 
 

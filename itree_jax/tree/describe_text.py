@@ -25,16 +25,14 @@ def heading(facts: dict[str, Any]) -> Text:
     part, sensor, symmetries = facts["part"], facts["sensor"], facts["symmetries"]
     turns, axes = len(symmetries["discrete"]) - 1, len(symmetries["continuous"])
     symmetric = ", ".join(
-        text
-        for count, text in ((axes, f"{axes} axis of revolution"), (turns, f"{turns} symmetric turns"))
-        if count
+        text for count, text in ((axes, f"{axes} axis of revolution"), (turns, f"{turns} symmetric turns")) if count
     )
     lines = [
         f"{part['name']} (object {facts['obj_id']}): {part['diameter_mm']:.1f} mm across, {part['faces']} faces, "
         f"{part['triangles']} triangles, {'watertight' if part['watertight'] else 'NOT watertight'}, "
         f"{symmetric or 'no symmetry'}",
-        f"{sensor['camera']} camera, {len(sensor['lights'])} lights, slant under {sensor['slant_limit_deg']:.1f} degrees, "
-        f"regions over {sensor['smallest_region_mm2']:.0f} mm^2",
+        f"{sensor['camera']} camera, {len(sensor['lights'])} lights, "
+        f"slant under {sensor['slant_limit_deg']:.1f} degrees, regions over {sensor['smallest_region_mm2']:.0f} mm^2",
         f"{facts['dome']['views']} views, {facts['appearances']['attitudes']} attitudes, policy {facts['policy']}, "
         f"seed {facts['seed']}",
     ]
@@ -114,7 +112,8 @@ def _draw(at: Tree, facts: dict[str, Any], parent: int | None, side: str | None)
     members = [g["label"] for g in facts["groups"]] if parent is None else facts["nodes"][parent][side]
     leaf = {entry["group"]: entry for entry in facts["leaves"]}
     for label in members:
-        at.add(f"{label}: {_steps(leaf[label])}, {leaf[label]['remaining_freedom']}" if label in leaf else f"{label}: pruned")
+        known = f"{_steps(leaf[label])}, {leaf[label]['remaining_freedom']}" if label in leaf else "pruned"
+        at.add(f"{label}: {known}")
 
 
 def _steps(leaf: dict[str, Any]) -> str:

@@ -48,8 +48,8 @@ def load_tree(path: str | Path) -> InterpretationTree:
     """Reads a tree that `save_tree` wrote.
 
     Raises:
-        ItreeError: there is no such file; it is no tree file, of a newer version, cut short or changed; or what is in it
-            does not fit together. The message says which, and what to do.
+        ItreeError: there is no such file; it is no tree file, of another version, cut short or changed; or what is
+            in it does not fit together. The message says which, and what to do.
     """
     path = Path(path)
     members = _read_members(path)
@@ -90,12 +90,13 @@ def _checked_header(path: Path, members: dict[str, bytes]) -> dict[str, Any]:
     found = header.get("version")
     if not isinstance(found, int) or found != FORMAT_VERSION:
         newer = isinstance(found, int) and found > FORMAT_VERSION
+        advice = "Upgrade itree-jax, or compile" if newer else "Compile"
         raise ItreeError(
-            f"{path} is a tree file of version {found}, written by {header.get('producer')}; this program reads version "
-            f"{FORMAT_VERSION}. {'Upgrade itree-jax, or compile' if newer else 'Compile'} the part again with this one."
+            f"{path} is a tree file of version {found}, written by {header.get('producer')}; this program reads "
+            f"version {FORMAT_VERSION}. {advice} the part again with this one."
         )
     if members.get(HEADER_SUM) != _sha256(members[HEADER]).encode():
-        raise ItreeError(f"{path}: the header was changed after it was written (its checksum does not fit). {AGAIN}")
+        raise ItreeError(f"{path}: the header was changed after it was written (checksum). {AGAIN}")
     if not isinstance(header.get("sha256"), dict):
         raise ItreeError(f"{path}: the header lacks the checksums of the arrays. {AGAIN}")
     return header
@@ -106,7 +107,7 @@ def _checked_array(path: Path, members: dict[str, bytes], name: str, digest: str
     if data is None:
         raise ItreeError(f"{path}: the array {name} is missing. {AGAIN}")
     if _sha256(data) != digest:
-        raise ItreeError(f"{path}: the array {name} was changed after it was written (its checksum does not fit). {AGAIN}")
+        raise ItreeError(f"{path}: the array {name} was changed after it was written (checksum). {AGAIN}")
     try:
         return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError) as error:

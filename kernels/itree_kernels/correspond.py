@@ -3,6 +3,10 @@
 One launch serves all hypotheses of all regions. Windows have a fixed size and integer pixel positions, so that arrays
 keep their shapes and observed maps are read without interpolation.
 """
+# Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 from dataclasses import dataclass
 
@@ -182,7 +186,8 @@ def correspondences(
 
     def find_contours(first: int, last: int) -> None:
         wp.launch(contour_kernel, dim=(last - first, 2, size, size),
-                  inputs=[*common, float(jump), first, depth, triangle, mesh.normals_obj], outputs=[uv, z], device=device)
+                  inputs=[*common, float(jump), first, depth, triangle, mesh.normals_obj], outputs=[uv, z],
+                  device=device)
 
     load_kernel(contour_kernel, device)
     launch_in_chunks(find_contours, count, rays_each=2 * size * size, device=device)

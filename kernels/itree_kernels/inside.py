@@ -1,5 +1,8 @@
 """Signed distance of points to a closed mesh: which points lie inside of a solid, and how deep."""
-# pyright: reportInvalidTypeForm=false, reportArgumentType=false, reportCallIssue=false, reportAttributeAccessIssue=false
+# Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 import numpy as np
 import warp as wp

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 RAYS_WORTH_A_THREAD = 4096  # below this a thread costs more than it brings
 
@@ -23,5 +24,5 @@ def launch_in_chunks(launch: Callable[[int, int], None], count: int, rays_each: 
     chunks = min(count, 4 * threads)
     bounds = [count * k // chunks for k in range(chunks + 1)]
     with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(launch, a, b) for a, b in zip(bounds, bounds[1:], strict=False)]:
+        for done in [pool.submit(launch, a, b) for a, b in pairwise(bounds)]:
             done.result()

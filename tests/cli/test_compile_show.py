@@ -1,6 +1,7 @@
 """`itree compile` and `itree show`."""
 
 import json
+from importlib import import_module
 
 import pytest
 
@@ -17,7 +18,7 @@ def compiled_with(paper_tree, monkeypatch):
         asked.update(options, part=part, sensor=sensor)
         return paper_tree
 
-    monkeypatch.setattr("itree_jax.compile.compile_tree", compile_tree)
+    monkeypatch.setattr(import_module("itree_jax.compile"), "compile_tree", compile_tree)
     return asked
 
 
@@ -110,5 +111,3 @@ def test_show_refuses_what_is_no_tree(itree, tmp_path):
         ran = itree("show", tmp_path / name, "--json")
         assert (ran.code, ran.out) == (2, "")
         assert words in ran.err
-
-

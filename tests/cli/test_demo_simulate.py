@@ -14,7 +14,7 @@ def compiled_at_once(paper_tree, monkeypatch):
     monkeypatch.setattr("itree_jax.compile.compile_tree", lambda part, sensor, report: paper_tree)
 
 
-def test_demo_writes_page_tree_scene_and_results_and_tells_how_right_they_are(itree, compiled_at_once, paper_tree, tmp_path):
+def test_demo_writes_page_tree_scene_and_results_and_compares(itree, compiled_at_once, paper_tree, tmp_path):
     out = tmp_path / "demo"
     ran = itree("demo", "-o", out)
     assert (ran.code, ran.err) == (0, "")
@@ -24,7 +24,8 @@ def test_demo_writes_page_tree_scene_and_results_and_tells_how_right_they_are(it
     assert load_tree(out / "ikeuchi-1987.tree").obj_id == paper_tree.obj_id
     rows = read_bop_csv(out / "results.csv")
     assert len(rows) >= 4
-    assert {image["scene_id"] for image in json.loads((out / "results.json").read_text())["images"]} == set(rows.scene_id)
+    images = json.loads((out / "results.json").read_text())["images"]
+    assert {image["scene_id"] for image in images} == set(rows.scene_id)
     assert "parts visible by 70 % found, 0 of" in ran.out
     assert (out / "index.html").absolute().as_uri() in ran.out
 

@@ -1,10 +1,13 @@
 """Exit codes and messages of the command line; a process that starts fast and ends."""
 
+import gc
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 
 import pytest
+from itree_kernels.errors import ItreeError
 
 from itree_jax.cli.main import VERBS
 
@@ -21,9 +24,18 @@ def test_the_version_is_that_of_the_package(itree):
     assert itree("--version") == (0, f"itree-jax {version('itree-jax')}\n", "")
 
 
-@pytest.mark.parametrize("words", [[], ["bogus"], ["compile", "x.stl"], ["show"], ["show", "a.tree", "--nonsense"],
-                                   ["recognize", "scenes", "a.tree", "-o", "r.csv", "--depth", "sonar"],
-                                   ["simulate", "x.stl", "--sensor", "s", "--scenes", "two", "--parts", "1", "-o", "d"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["bogus"],
+        ["compile", "x.stl"],
+        ["show"],
+        ["show", "a.tree", "--nonsense"],
+        ["recognize", "scenes", "a.tree", "-o", "r.csv", "--depth", "sonar"],
+        ["simulate", "x.stl", "--sensor", "s", "--scenes", "two", "--parts", "1", "-o", "d"],
+    ],
+)
 def test_wrong_arguments_exit_with_2_and_an_explanation(itree, words):
     ran = itree(*words)
     assert (ran.code, ran.out) == (2, "")
@@ -54,6 +66,25 @@ def test_an_interrupt_exits_with_130(itree, monkeypatch, tmp_path):
     ran = itree("show", tmp_path / "a.tree")
     assert (ran.code, ran.out) == (130, "")
     assert "interrupted" in ran.err
+
+
+def test_an_interrupt_that_falls_into_a_callback_is_heard(itree, monkeypatch, tmp_path):
+    """The garbage collector drops what its callbacks raise; the work would go on."""
+
+    def work(_):
+        def callback(*_):
+            gc.callbacks.remove(callback)
+            raise KeyboardInterrupt
+
+        gc.callbacks.append(callback)
+        gc.collect()
+        for _ in range(500):
+            time.sleep(0.01)
+        raise ItreeError("the work came to its end")
+
+    monkeypatch.setattr("itree_jax.tree.tree_file.load_tree", work)
+    ran = itree("show", tmp_path / "a.tree")
+    assert (ran.code, ran.out, ran.err) == (130, "", "itree: interrupted, nothing was written\n")
 
 
 def test_a_mistake_of_the_program_keeps_its_traceback(itree, monkeypatch, tmp_path):

@@ -6,6 +6,8 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +15,6 @@ from itree_kernels.errors import ItreeError
 
 from itree_jax.cli.recognize import fitting_trees
 from itree_jax.detections import Detection, Detections
-from itree_jax.recognize import Prepared
 from itree_jax.results import read_bop_csv
 from itree_jax.tree.tree_file import save_tree
 
@@ -22,8 +23,7 @@ RUN = "import sys; from itree_jax.cli.main import main; sys.exit(main())"
 
 def numbered(tree, obj_id=1, **changes):
     """A tree of another object or sensor, prepared as far as choosing among trees needs it."""
-    tree = replace(tree, obj_id=obj_id, sensor=replace(tree.sensor, **changes))
-    return Prepared(tree, None, None, None, 1.0)  # type: ignore[arg-type]
+    return SimpleNamespace(tree=replace(tree, obj_id=obj_id, sensor=replace(tree.sensor, **changes)))
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def answers(monkeypatch):
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0]))
         return Detections((one,), time=2.0, labels=np.zeros((480, 640), np.int32))
 
-    monkeypatch.setattr("itree_jax.recognize.recognize_one", recognize_one)
+    monkeypatch.setattr(import_module("itree_jax.recognize"), "recognize_one", recognize_one)
     return seen
 
 
@@ -52,7 +52,8 @@ def answers(monkeypatch):
 def recognised(bin_dataset, paper_tree_file, tmp_path_factory):
     """The whole verb in a process of its own, with a page per scene."""
     out = tmp_path_factory.mktemp("out")
-    words = ["recognize", bin_dataset, paper_tree_file, "-o", out / "r.csv", "--json", out / "r.json", "--report", out / "pages"]
+    words = ["recognize", bin_dataset, paper_tree_file, "-o", out / "r.csv"]
+    words += ["--json", out / "r.json", "--report", out / "pages"]
     done = subprocess.run(
         [sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, timeout=240, check=False,
         env={**os.environ, "PYTHONWARNINGS": "error"},
@@ -138,7 +139,7 @@ def test_a_scene_under_other_lights_is_refused(itree, scenes, paper_tree_file, a
     assert "000002: the tree of 'ikeuchi-1987' (object 1) was compiled for another sensor: its light" in ran.err
 
 
-def test_trees_and_scenes_that_are_missing_or_ambiguous_are_refused(itree, scenes, paper_tree, paper_tree_file, tmp_path):
+def test_trees_and_scenes_missing_or_ambiguous_are_refused(itree, scenes, paper_tree, paper_tree_file, tmp_path):
     other = replace(paper_tree, part=replace(paper_tree.part, name="other"))
     save_tree(other, tmp_path / "other.tree")
     (scenes / "000002").rename(scenes / "second")

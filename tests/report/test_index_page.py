@@ -1,0 +1,56 @@
+"""The index: failures first, links that lead to the pages."""
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from itree_jax.detections import Detections
+from itree_jax.report.index_page import IndexEntry, index_entry, write_index
+
+PICTURE = np.zeros((6, 8, 3), np.uint8)
+
+
+def entry(k: int, score: float | None, page: Path = Path("a.html")) -> IndexEntry:
+    return IndexEntry(page, k, 0, f"Scene <{k}>", 0 if score is None else 3, score, 2, 1.5, PICTURE)
+
+
+@given(st.lists(st.one_of(st.none(), st.floats(0.0, 1.0)), max_size=12))
+def test_failures_come_first_then_the_least_best_score(scores):
+    ordered = sorted((entry(k, s) for k, s in enumerate(scores)), key=lambda e: e.order)
+    failed = [e.failed for e in ordered]
+    assert failed == sorted(failed, reverse=True)
+    shown = [e.best_score for e in ordered if e.best_score is not None]
+    assert shown == sorted(shown)
+    for a, b in pairwise(ordered):
+        assert a.best_score != b.best_score or a.scene_id < b.scene_id
+
+
+def test_the_page_lists_all_scenes_in_that_order(tmp_path, self_contained):
+    scores = [0.9, None, 0.3, None]
+    pages = [tmp_path / "deep" / f"scene&{k}.html" for k in range(4)]
+    write_index(tmp_path, [entry(k, s, p) for k, (s, p) in enumerate(zip(scores, pages, strict=True))])
+    page = self_contained((tmp_path / "index.html").read_text(encoding="utf-8"))
+    links = [link for link in page.attributes("href") if link.endswith(".html")]
+    assert links == [f"deep/scene&{k}.html" for k in (1, 3, 2, 0)]
+    assert re.findall(r"Scene <(\d)>", page.text) == ["1", "3", "2", "0"]
+    assert page.text.count("nothing recognised") == 2
+    assert page.text.count("low score") == 1
+    assert "4 scenes" in page.text
+
+
+def test_no_scene_is_an_empty_index(tmp_path, self_contained):
+    write_index(tmp_path, [])
+    assert self_contained((tmp_path / "index.html").read_text(encoding="utf-8")).count("img") == 0
+
+
+def test_an_entry_sums_up_its_scene(tmp_path, scene, detections, tree):
+    e = index_entry(tmp_path / "s.html", scene, detections, [tree])
+    assert (e.scene_id, e.count, e.best_score, e.lost, e.time) == (7, 2, 0.875, 1, 0.5)
+    nothing = index_entry(tmp_path / "s.html", scene, Detections(), [tree])
+    assert nothing.failed
+    assert nothing.thumbnail.shape == e.thumbnail.shape
+    assert (nothing.thumbnail != e.thumbnail).any()
