@@ -77,7 +77,7 @@ def compile_tree(
     train_rng, test_rng = (np.random.default_rng([seed, k]) for k in (1, 2))
 
     def draw(rng: np.random.Generator) -> Draws:
-        R, group = random_attitudes(R_fine[usable], group_of_fine[usable], draws, rng)
+        R, group = random_attitudes(fine.triangles[usable], group_of_fine[usable], draws, rng)
         return noisy_draws(mesh, sensor, R, group, rng)
 
     tell("drawing under noise", 0.4)

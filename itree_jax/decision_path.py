@@ -56,8 +56,12 @@ def classification_step(tree: InterpretationTree, said: Classification, region: 
         measured=dict(zip(rule.quantity_names, _rounded(measured), strict=True)),
         compared_with={**compared, "taken": "visible" if taken else "hidden", "branch": nodes.branch[node],
                        "error_rate": round(float(nodes.error[node]), 4)},
-        margin=round(margin, 3), freedom_before=f"{before} attitude groups", freedom_after=f"{after} attitude groups",
+        margin=round(margin, 3), freedom_before=counted_groups(before), freedom_after=counted_groups(after),
     )
+
+
+def counted_groups(count: int) -> str:
+    return f"{count} attitude group" if count == 1 else f"{count} attitude groups"
 
 
 def determination_steps(tree: InterpretationTree, group: int) -> list[Step]:

@@ -1,7 +1,7 @@
 """The online story: images -> needle map -> regions -> interpretation tree -> poses (Ikeuchi 1987, sec. 3)."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -29,9 +29,9 @@ from itree_jax.refine.hypotheses import (
 from itree_jax.refine.observed import ObservedMaps, observe
 from itree_jax.refine.optimise import Hypotheses, NormalEquations, RefineModel, refine
 from itree_jax.refine.schedule import Round, Schedule, schedule
-from itree_jax.refine.select import Selection, select
+from itree_jax.refine.select import Judged, Key, Selection, select_jointly
 from itree_jax.refine.solids import Solid, share_space, solid
-from itree_jax.refine.verify import Verdict, verify, visible_centres
+from itree_jax.refine.verify import verify, visible_centres
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import photometric_stereo
 from itree_jax.sensing.regions import Regions, depth_noise, regions
@@ -117,7 +117,8 @@ def recognize_one(
     found = regions(needle, depth, sensor, R_w2c)
     noise = depth_noise(depth, depth > 0)
     answers = [interpret(p, found, needle, depth, sensor, noise) for p in prepared] if found.count else []
-    detections = describe(answers, found, sensor)
+    answers = compete(answers, (sensor.camera.height, sensor.camera.width))
+    detections = describe(answers, found)
     recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
     unexplained = tuple(
         {"region": r, "reason": best_reason(answers, r), "height_mm": float(found.height[r])}
@@ -135,7 +136,7 @@ class Interpretation:
     classification: Classification
     hypotheses: RegionHypotheses  # refined; those that reached the last verification
     equations: NormalEquations
-    verdict: Verdict
+    judged: Judged
     selection: Selection
 
 
@@ -156,7 +157,7 @@ def interpret(
     observed = observe(np.asarray(needle.normals) * needle.interpretable[..., None], needle_weight(needle), depth, plan.jump)
     model = prepared.model
     hypotheses, equations = narrow(hypotheses, model, observed, sensor, plan.rounds, plan)
-    verdict, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
     accepted = hypotheses.take(selection.accepted)
     if len(accepted.region):
         turned, more = narrow(
@@ -165,8 +166,8 @@ def interpret(
         turned = turned._replace(region=accepted.region[turned.region])
         hypotheses = joined(hypotheses, turned)
         equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
-        verdict, selection = judge(hypotheses, prepared, observed, sensor, plan)
-    return Interpretation(prepared, features, classification, hypotheses, equations, verdict, selection)
+        judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    return Interpretation(prepared, features, classification, hypotheses, equations, judged, selection)
 
 
 def near_poses(
@@ -186,16 +187,36 @@ def near_poses(
 
 def judge(
     hypotheses: RegionHypotheses, prepared: Prepared, observed: ObservedMaps, sensor: Sensor, plan: Schedule
-) -> tuple[Verdict, Selection]:
-    """The last verification of all hypotheses, and which of them explain the scene together."""
+) -> tuple[Judged, Selection]:
+    """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
     verdict, origin, stride = verify(
         hypotheses.poses, prepared.model, observed, sensor.camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump
     )
     least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
-    R, t = (np.asarray(a, float) for a in hypotheses.poses)
-    body = prepared.solid
-    collide = cache(lambda h, k: share_space(body, R[h], t[h], body, R[k], t[k]))
-    return verdict, select(verdict, origin, stride, observed.depth.shape, least, collide)
+    judged = Judged(verdict, origin, stride, least)
+    collide = collisions([(prepared, hypotheses)])
+    return judged, select_jointly([judged], (sensor.camera.height, sensor.camera.width), collide)[0]
+
+
+def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
+    """Whether two hypotheses, keyed by (part, index), share space."""
+    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
+
+    @cache
+    def collide(a: Key, b: Key) -> bool:
+        (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
+        return share_space(bodies[a[0]][0].solid, R_a[a[1]], t_a[a[1]], bodies[b[0]][0].solid, R_b[b[1]], t_b[b[1]])
+
+    return collide
+
+
+def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list[Interpretation]:
+    """Several parts looked for in one bin: a place goes to the part that explains it best."""
+    if len(answers) < 2:
+        return answers
+    collide = collisions([(a.prepared, a.hypotheses) for a in answers])
+    selections = select_jointly([a.judged for a in answers], image_shape, collide)
+    return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
 
 
 def region_features(
@@ -269,7 +290,7 @@ def narrow(
     return hypotheses, equations
 
 
-def describe(answers: Sequence[Interpretation], found: Regions, sensor: Sensor) -> tuple[Detection, ...]:
+def describe(answers: Sequence[Interpretation], found: Regions) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
     detections = []
     for answer in answers:
@@ -277,18 +298,44 @@ def describe(answers: Sequence[Interpretation], found: Regions, sensor: Sensor) 
         for h in answer.selection.accepted:
             region = int(answer.hypotheses.region[h])
             R, t = (np.asarray(a[h], float) for a in answer.hypotheses.poses)
-            std = twist_deviation(answer.equations.hessian[h])
+            hessian = without_free_turns(np.asarray(answer.equations.hessian[h], float), tree, R)
+            std = twist_deviation(hessian)
+            verdict, pixels = answer.judged.verdict, answer.judged.stride**2  # image pixels that a window pixel stands for
             detections.append(Detection(
                 scene_id=0, im_id=0, obj_id=tree.obj_id, score=float(answer.selection.score[h]),
                 R_cam_obj=nearest_rotation(R), t_cam_obj=t,
                 decision_path=decision_path(tree, answer.classification, region, int(answer.hypotheses.row[h])),
-                agreeing=int(answer.verdict.agreeing[h]), contradicting=int(answer.verdict.contradicting[h]),
-                hidden=int(answer.verdict.hidden[h]), height=float(found.height[region]),
-                rotation_std=std[:3], translation_std=std[3:],
+                agreeing=int(verdict.agreeing[h]) * pixels, contradicting=int(verdict.contradicting[h]) * pixels,
+                hidden=int(verdict.hidden[h]) * pixels, height=float(found.height[region]),
+                rotation_std=std[:3], translation_std=std[3:], equivalents=equivalents(tree, R, t),
             ))
     order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
     rank = {k: position for position, k in enumerate(order)}
     return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
+
+
+def equivalents(
+    tree: InterpretationTree, R_cam_obj: Float[np.ndarray, "3 3"], t_cam_obj: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "4 4"], ...]:
+    """The other poses that look the same, by the part's discrete symmetries."""
+    T_cam_obj = np.eye(4)
+    T_cam_obj[:3, :3], T_cam_obj[:3, 3] = R_cam_obj, t_cam_obj
+    return tuple(T_cam_obj @ turn for turn in np.asarray(tree.symmetries.discrete)[1:])
+
+
+def without_free_turns(
+    hessian: Float[np.ndarray, "6 6"], tree: InterpretationTree, R_cam_obj: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "6 6"]:
+    """Takes turns about the part's axes of revolution out: nothing measures them (linearised needles seem to, since they
+    don't know that a curved surface slides under its pixel).
+    """
+    for axis, point in tree.symmetries.continuous:
+        turn = R_cam_obj @ axis
+        twist = np.concatenate([turn, -np.cross(turn, R_cam_obj @ point)])
+        twist /= np.linalg.norm(twist)
+        keep = np.eye(6) - np.outer(twist, twist)
+        hessian = keep @ hessian @ keep
+    return hessian
 
 
 def twist_deviation(hessian: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6"]:

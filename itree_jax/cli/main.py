@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"itree: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print("itree: interrupted, nothing was written", file=sys.stderr)
+        print("itree: interrupted; no output is half-written", file=sys.stderr)
         return INTERRUPTED
     except SystemExit as stop:  # from tyro: help was shown, or the arguments are wrong
         return stop.code if isinstance(stop.code, int) else BAD_INPUT

@@ -1,5 +1,6 @@
 """`itree recognize`: scenes + trees -> poses."""
 
+import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -62,7 +63,7 @@ class Recognize:
             answers, entries = [], []
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
-                scene, fitting, found = answer(folder, prepared)
+                scene, fitting, found = answer(folder, prepared, self.quiet)
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting))
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
@@ -88,9 +89,13 @@ class Recognize:
         check_folder(self.report)
 
 
-def answer(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scene, list[Prepared], Detections]":
-    """A scene, the trees that fit its lights, and what they found in it; errors name the scene."""
+def answer(folder: Path, prepared: "list[Prepared]", quiet: bool) -> "tuple[Scene, list[Prepared], Detections]":
+    """A scene, the trees that fit its lights, and what they found in it; errors name the scene.
+
+    Trees that had to be compiled for the scene's number of lights are added to `prepared`.
+    """
     try:
+        prepared += trees_for_more_lights(folder, prepared, quiet)
         scene, fitting = load_with_trees(folder, prepared)
         return scene, fitting, recognize_scene(scene, fitting)
     except ItreeError as error:
@@ -107,6 +112,34 @@ def load_with_trees(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scen
     if fitting[0] is not prepared[0]:
         scene = load_scene(folder, sensor=fitting[0].tree.sensor)
     return scene, fitting
+
+
+def trees_for_more_lights(folder: Path, prepared: "Sequence[Prepared]", quiet: bool) -> "list[Prepared]":
+    """Trees compiled here for a scene taken under another number of lights than any tree of an object knows.
+
+    Another number of lights is another rig, and a tree holds all it takes to compile its part for it. Lights that have
+    only moved are refused instead (`check_sensor`): that is more likely a mistake in the calibration.
+    """
+    from itree_jax.compile import compile_tree
+    from itree_jax.recognize import prepare
+    from itree_jax.sensing.scene_folder import load_scene
+
+    made = []
+    for obj_id in dict.fromkeys(one.tree.obj_id for one in prepared):
+        known = [one.tree for one in prepared if one.tree.obj_id == obj_id]
+        sensor = load_scene(folder, sensor=known[0].sensor).sensor
+        if any(tree.sensor.light_count == sensor.light_count for tree in known):
+            continue
+        old = known[0]
+        if not quiet:
+            print(f"itree: scene {folder.name} has {sensor.light_count} lights, the tree of '{old.part.name}' was compiled "
+                  f"for {old.sensor.light_count}; compiling it for these", file=sys.stderr)
+        digits = len(old.groups.identifying_faces)
+        made.append(prepare(compile_tree(
+            old.part, sensor, obj_id=obj_id, policy=old.policy, dome_frequency=old.groups.frequency, label_faces=digits,
+            seed=old.seed,
+        )))
+    return made
 
 
 def fitting_trees(prepared: "Sequence[Prepared]", sensor: "Sensor") -> "list[Prepared]":
@@ -176,11 +209,9 @@ def _report_folder(path: Path | None):
 
 
 def _write_page(pages: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> "IndexEntry":
-    from itree_jax.report import index_entry, write_scene_report
+    from itree_jax.report import report_scene
 
-    page, trees = pages / f"scene_{found.scene_id:06d}.html", [p.tree for p in fitting]
-    write_scene_report(page, scene, found, trees)
-    return index_entry(page, scene, found, trees)
+    return report_scene(pages / f"scene_{found.scene_id:06d}.html", scene, found, [p.tree for p in fitting])
 
 
 def _write_index(pages: Path, entries: "Sequence[IndexEntry]") -> None:

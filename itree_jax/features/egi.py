@@ -20,6 +20,8 @@ FREQUENCY = 3
 WIDTH = 0.5 * float(np.sqrt(4.0 * np.pi / (60 * FREQUENCY**2)))
 # Pixels beyond 84 degrees of slant are noise of the normal; their area is not allowed to grow without limit.
 LEAST_COS_SLANT = 0.1
+# Patches of a region that are binned: each costs 264 exponentials, and hundreds fill the few cells of a region.
+MOST_PATCHES = 384
 
 
 def egi_cells() -> Float[np.ndarray, "540 3"]:
@@ -47,6 +49,26 @@ def extended_gaussian_image(
     total = jnp.sum(weights, axis=1)
     usable = (areas > 0) & (total > 0)
     return jnp.where(usable, areas / jnp.where(usable, total, 1.0), 0.0) @ weights
+
+
+def spread_patches(
+    normals: Float[Array, "n 3"], areas: Float[Array, "n"], most: int = MOST_PATCHES
+) -> tuple[Float[Array, "k 3"], Float[Array, "k"]]:
+    """At most `most` of the patches that have area, evenly spread in their order; areas scaled so that the sum is kept.
+
+    All of them (and nothing else) where there are no more.
+    """
+    if len(areas) <= most:
+        return normals, areas
+    rank = jnp.cumsum(areas > 0)
+    count = rank[-1]
+    kept = jnp.minimum(count, most)
+    place = jnp.arange(most)
+    wanted = 1 + ((2 * place + 1) * count) // (2 * jnp.maximum(kept, 1))  # ranks 1..count, each at most once
+    index = jnp.minimum(jnp.searchsorted(rank, wanted), len(areas) - 1)
+    chosen = jnp.where(place < kept, areas[index], 0.0)
+    total = jnp.sum(chosen)
+    return normals[index], chosen * jnp.sum(areas) / jnp.where(total > 0, total, 1.0)
 
 
 def egi_mass_centre(normals: Float[Array, "n 3"], areas: Float[Array, "n"]) -> Float[Array, "3"]:

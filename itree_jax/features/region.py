@@ -7,14 +7,20 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from itree_jax.features.egi import egi_mass_centre, extended_gaussian_image, surface_area, visible_cells
+from itree_jax.features.egi import (
+    egi_mass_centre,
+    extended_gaussian_image,
+    spread_patches,
+    surface_area,
+    visible_cells,
+)
 from itree_jax.features.inertia import FaceInertia, face_inertia, mean_normal
 from itree_jax.features.outline import outline
 from itree_jax.features.rectify import affine_T, face_axes, gradient_space
 from itree_jax.features.window import Window
 
-# Regions measured at once: bounds the memory of the EGI's weights (4.4 MB a region) whatever the number of regions.
-REGIONS_AT_ONCE = 4
+# Regions measured at once: bounds the memory of the EGI's weights (0.4 MB a region) whatever the number of regions.
+REGIONS_AT_ONCE = 8
 
 
 class RegionFeatures(NamedTuple):
@@ -41,7 +47,7 @@ def measure(window: Window) -> RegionFeatures:
     return RegionFeatures(
         inertia=inertia,
         outline=outline(window, affine_T(p, q), inertia.centroid, inertia.alpha),
-        egi=extended_gaussian_image(normals, areas, cells),
+        egi=extended_gaussian_image(*spread_patches(normals, areas), cells),
         mass_centre=egi_mass_centre(normals, areas),
         mean_normal=normal,
         normal_scatter=normal_scatter(normals, areas > 0, p, q),

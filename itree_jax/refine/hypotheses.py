@@ -86,23 +86,25 @@ def best_of_each_region(
     for region in np.unique(hypotheses.region):
         order = np.flatnonzero(hypotheses.region == region)
         order = order[np.argsort(-score[order], kind="stable")]
+        apart = pose_distance(R[order][:, None], t[order][:, None], R[order][None], t[order][None], diameter)
+        repeats = apart < NEARLY_SAME * diameter
+        open_ = np.ones(len(order), bool)
         chosen: list[int] = []
-        for k in order:
-            if len(chosen) == most:
-                break
-            if not any(pose_distance(R[k], t[k], R[j], t[j], diameter) < NEARLY_SAME * diameter for j in chosen):
-                chosen.append(int(k))
+        for k in range(len(order)):
+            if open_[k] and len(chosen) < most:
+                chosen.append(int(order[k]))
+                open_ &= ~repeats[k]
         kept += chosen
     return np.array(kept, int)
 
 
 def pose_distance(
-    R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], S: Float[np.ndarray, "3 3"], s: Float[np.ndarray, "3"],
-    diameter: float,
-) -> float:
+    R: Float[np.ndarray, "*n 3 3"], t: Float[np.ndarray, "*n 3"], S: Float[np.ndarray, "*m 3 3"],
+    s: Float[np.ndarray, "*m 3"], diameter: float,
+) -> Float[np.ndarray, "*k"]:
     """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
-    cosine = np.clip((np.sum(R * S) - 1.0) / 2.0, -1.0, 1.0)
-    return float(np.linalg.norm(t - s) + np.arccos(cosine) * diameter / 2.0)
+    cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
+    return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
 
 
 def region_point(
@@ -131,7 +133,8 @@ def near_symmetries(
             P = np.zeros((3, 3))
             P[range(3), order] = signs
             ratio = extent[list(order)] / extent
-            if np.linalg.det(P) < 0 or np.allclose(P, np.eye(3)) or np.abs(np.log(ratio)).max() > np.log(SIMILAR_EXTENT):
+            differs = np.abs(np.log(ratio)).max() > np.log(SIMILAR_EXTENT)
+            if np.linalg.det(P) < 0 or np.allclose(P, np.eye(3)) or differs:
                 continue
             T = np.eye(4)
             T[:3, :3] = axes @ P @ axes.T
@@ -172,9 +175,9 @@ def turned_about_axes(hypotheses: RegionHypotheses, turns: Float[np.ndarray, "tu
     R, t = hypotheses.poses
     R_turned = np.einsum("hab,kbc->hkac", R, turns[:, :3, :3])
     t_turned = np.einsum("hab,kb->hka", R, turns[:, :3, 3]) + t[:, None]
-    repeat = lambda values: np.repeat(values, len(turns), axis=0)
     poses = Hypotheses(R_turned.reshape(-1, 3, 3).astype(np.float32), t_turned.reshape(-1, 3).astype(np.float32))
-    return RegionHypotheses(poses, repeat(hypotheses.region), repeat(hypotheses.row), repeat(hypotheses.log_likelihood))
+    rest = (np.repeat(values, len(turns), axis=0) for values in hypotheses[1:])
+    return RegionHypotheses(poses, *rest)
 
 
 def joined(first: RegionHypotheses, second: RegionHypotheses) -> RegionHypotheses:

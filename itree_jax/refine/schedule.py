@@ -79,14 +79,14 @@ def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> S
             tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
         ),
         Round(
-            Stage(8, 64, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)),
+            Stage(8, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)),
             2,
             tolerances(fine, np.radians(20.0), jump),
         ),
     )
     turned = (
         Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
-        Round(Stage(6, 64, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
+        Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
     )
     values = (max(noise, 0.1 * pitch), max(DEPTH_BIAS * noise, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)

@@ -1,7 +1,8 @@
 """Selection: hypotheses of one place compete, because one pixel belongs to one part."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -9,9 +10,11 @@ from jaxtyping import Float, Int
 from itree_jax.refine.hypotheses import agreement, evidence
 from itree_jax.refine.verify import Verdict
 
+Key = tuple[int, int]  # (part, index of the hypothesis)
+
 LEAST_OWN_SHARE = 0.6  # of a pose's agreeing pixels that no better pose has explained already
 USUAL_NEEDLES = 0.25  # of a part's visible pixels at least so many have a needle (half of it is lit by all lights)
-LEAST_AGREEMENT = 0.25  # under it a pose is no answer
+LEAST_SCORE = 0.3  # under it a pose is no answer: on simulated bins wrong poses end below, right ones begin above
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,15 @@ def score_of(verdict: Verdict, least_pixels: float) -> Float[np.ndarray, "hypoth
     return np.clip(agreement(verdict), 0.0, 1.0) * size * np.clip(0.5 + 0.5 * needles, 0.0, 1.0)
 
 
+class Judged(NamedTuple):
+    """The verified hypotheses of one part."""
+
+    verdict: Verdict
+    origin_uv: Float[np.ndarray, "hypotheses 2"]  # image point of window pixel (0, 0) [px]
+    stride: int  # [px]
+    least_pixels: float  # window pixels of the sensor's smallest region
+
+
 def select(
     verdict: Verdict,
     origin_uv: Float[np.ndarray, "hypotheses 2"],
@@ -40,32 +52,64 @@ def select(
     least_pixels: float,
     share_space: Callable[[int, int], bool],
 ) -> Selection:
-    """Takes hypotheses greedily by evidence; each must explain pixels of its own and stay out of the others' solids.
+    """`select_jointly` for the hypotheses of one part. `share_space(h, k)`: whether two poses collide."""
+    one = Judged(verdict, origin_uv, stride, least_pixels)
+    return select_jointly([one], image_shape, lambda a, b: share_space(a[1], b[1]))[0]
 
-    `least_pixels`: window pixels of the sensor's smallest region. `share_space(h, k)`: whether two poses collide.
+
+def select_jointly(
+    judged: Sequence[Judged], image_shape: tuple[int, int], share_space: Callable[[Key, Key], bool]
+) -> list[Selection]:
+    """Takes hypotheses of all parts greedily by evidence in image pixels; each must explain pixels of its own and stay
+    out of the others' solids.
+
+    A hypothesis is keyed by (part, index); `share_space(a, b)` tells whether two poses collide. Returns one selection
+    per part.
     """
-    count = len(verdict.agreeing)
-    score, fit = score_of(verdict, least_pixels), agreement(verdict)
-    owner = np.full((image_shape[0] // stride + 2, image_shape[1] // stride + 2), -1, np.int32)
-    reason = ["" for _ in range(count)]
-    accepted: list[int] = []
-    for h in np.argsort(-evidence(verdict) * np.clip(score, 0.0, 1.0), kind="stable"):
-        if verdict.agreeing[h] < least_pixels:
-            reason[h] = "too few agreeing pixels"
+    scores = [score_of(j.verdict, j.least_pixels) for j in judged]
+    reasons = [["" for _ in score] for score in scores]
+    owned = np.zeros(image_shape, bool)
+    accepted: list[Key] = []
+    for part, h in _by_evidence(judged, scores):
+        one = judged[part]
+        if one.verdict.agreeing[h] < one.least_pixels:
+            reasons[part][h] = "too few agreeing pixels"
             continue
-        if fit[h] < LEAST_AGREEMENT:
-            reason[h] = "the rendered pose contradicts the scene"
+        if scores[part][h] < LEAST_SCORE:
+            reasons[part][h] = "the rendered pose contradicts the scene"
             continue
-        i, j = np.nonzero(verdict.explained[h])
-        row = np.clip(np.round(origin_uv[h, 1] / stride + i).astype(int), 0, owner.shape[0] - 1)
-        column = np.clip(np.round(origin_uv[h, 0] / stride + j).astype(int), 0, owner.shape[1] - 1)
-        free = owner[row, column] < 0
-        if free.mean() < LEAST_OWN_SHARE:
-            reason[h] = "a better pose explains the same pixels"
+        rows, columns = _pixels(one, h, image_shape)
+        if np.mean(~owned[rows, columns]) < LEAST_OWN_SHARE:
+            reasons[part][h] = "a better pose explains the same pixels"
             continue
-        if any(share_space(int(h), k) for k in accepted):
-            reason[h] = "it would share space with a better pose"
+        if any(share_space((part, h), other) for other in accepted):
+            reasons[part][h] = "it would share space with a better pose"
             continue
-        owner[row[free], column[free]] = h
-        accepted.append(int(h))
-    return Selection(np.array(accepted, int), score, tuple(reason))
+        for i in range(one.stride):  # a window pixel stands for a square of the image
+            for j in range(one.stride):
+                owned[np.minimum(rows + i, image_shape[0] - 1), np.minimum(columns + j, image_shape[1] - 1)] = True
+        accepted.append((part, h))
+    return [
+        Selection(np.array([h for p, h in accepted if p == part], int), scores[part], tuple(reasons[part]))
+        for part in range(len(judged))
+    ]
+
+
+def _by_evidence(judged: Sequence[Judged], scores: Sequence[Float[np.ndarray, "hypotheses"]]) -> list[Key]:
+    """All hypotheses, those of most evidence (in image pixels, times score) first; ties by part and index."""
+    weighed = [
+        (-float(weight), part, h)
+        for part, (one, score) in enumerate(zip(judged, scores, strict=True))
+        for h, weight in enumerate(evidence(one.verdict) * score * one.stride**2)
+    ]
+    return [(part, h) for _, part, h in sorted(weighed)]
+
+
+def _pixels(
+    one: Judged, h: int, image_shape: tuple[int, int]
+) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"]]:
+    """Rows and columns of the image pixels that a hypothesis explains."""
+    i, j = np.nonzero(one.verdict.explained[h])
+    u0, v0 = one.origin_uv[h].astype(int)
+    rows = np.clip(v0 + one.stride * i, 0, image_shape[0] - 1)
+    return rows, np.clip(u0 + one.stride * j, 0, image_shape[1] - 1)

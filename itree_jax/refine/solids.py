@@ -24,13 +24,14 @@ class Solid:
 
 def solid(mesh: RayMesh, diameter: float, watertight: bool) -> Solid:
     """Draws the probes. An open mesh excludes nothing."""
-    depth = DEPTH * diameter
     if not watertight:
-        return Solid(mesh, np.zeros((0, 3)), depth)
+        return Solid(mesh, np.zeros((0, 3)), DEPTH * diameter)
     rng = np.random.default_rng(SEED)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     points = rng.uniform(low, high, (20 * PROBES, 3))
     distance = signed_distance(mesh, points)
+    # in a thin part nothing lies deep: a good pose's error must still fit in a quarter of its thickness
+    depth = min(DEPTH * diameter, 0.5 * float(-distance.min()))
     inside = points[distance < -depth]
     if len(inside) < PROBES // 4:  # a thin part: points anywhere inside
         inside = points[distance < 0]

@@ -95,8 +95,9 @@ def contour_support(
     inner = depth_at(predicted.contour_uv - shift)
     outer = depth_at(predicted.contour_uv + shift)
     # only where the contour itself is seen: inside of it the scene is at the pose's depth
-    seen = (z > 0) & (inner > 0) & (outer > 0) & (jnp.abs(inner - z) < tolerances.jump)
-    ends = jnp.abs(outer - inner) > 0.5 * tolerances.jump
+    seen = (z > 0) & (inner > 0) & (jnp.abs(inner - z) < tolerances.jump)
+    # depth sensors lose the far side of a step: where nothing was measured outside, the surface has ended
+    ends = (outer <= 0) | (jnp.abs(outer - inner) > 0.5 * tolerances.jump)
     return jnp.sum((seen & ends).astype(jnp.float32)), jnp.sum((seen & ~ends).astype(jnp.float32))
 
 

@@ -3,13 +3,14 @@
 | name | what it is |
 |---|---|
 | `write_scene_report` | scene + detections + trees -> one page |
-| `write_index`, `index_entry`, `IndexEntry` | the index of many scenes, failures first |
+| `report_scene` | the same, and the scene's entry for the index |
+| `write_index`, `IndexEntry` | the index of many scenes, failures first |
 | `write_tree_page` | a compiled tree -> one page |
 | `svg_tree` | a tree, and the way through it, as SVG |
 """
 
 from itree_jax.report.index_page import IndexEntry as IndexEntry
-from itree_jax.report.index_page import index_entry as index_entry
+from itree_jax.report.index_page import report_scene as report_scene
 from itree_jax.report.index_page import write_index as write_index
 from itree_jax.report.scene_page import write_scene_report as write_scene_report
 from itree_jax.report.svg_tree import svg_tree as svg_tree

@@ -24,7 +24,7 @@ SHADE = 0.30  # how much darker a coloured face gets with its slant
 LEAST_BADGE = 0.004  # of the picture: smaller pieces of a face carry no number
 MOST_FACE_VIEWS = 6  # from all sides
 
-Cutout = UInt8[np.ndarray, "h w 4"]
+Cutout = UInt8[np.ndarray, "_ _ 4"]
 
 
 @dataclass(frozen=True)

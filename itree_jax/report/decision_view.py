@@ -98,7 +98,8 @@ def plain_comparison(step: Step) -> str:
     if isinstance(step.compared_with, dict):
         cells += [
             (text(key.replace("_", " ")), shown(value))
-            for key, value in step.compared_with.items() if key not in ("error_rate", "branch")
+            for key, value in step.compared_with.items()
+            if key not in ("error_rate", "branch")
         ]
     elif step.compared_with is not None:
         cells.append(("compared with", shown(step.compared_with)))

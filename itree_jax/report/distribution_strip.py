@@ -11,9 +11,7 @@ BINS = 28
 TAIL = 0.5  # [%] of the draws that may lie outside of the strip on either end
 
 
-def side_samples(
-    tree: InterpretationTree, node: int, rule: str, visible: bool
-) -> Float[np.ndarray, "draws d"] | None:
+def side_samples(tree: InterpretationTree, node: int, rule: str, visible: bool) -> Float[np.ndarray, "draws d"] | None:
     """What the draws of the groups on one side of a branch gave under a rule; None if the tree does not keep it."""
     if rule not in tree.distributions.rules or not 0 <= node < len(tree.nodes.branch):
         return None
@@ -25,7 +23,7 @@ def side_samples(
 
 
 def distribution_strip(
-    visible: Float[np.ndarray, "draws"], hidden: Float[np.ndarray, "draws"], measured: float, name: str
+    visible: Float[np.ndarray, "n"], hidden: Float[np.ndarray, "m"], measured: float, name: str
 ) -> str:
     """Histograms of both sides (visible upward, hidden downward) with the measured value as a line."""
     both = np.concatenate([visible, hidden])

@@ -8,9 +8,10 @@ from pathlib import Path
 from itree_jax.detections import Detections
 from itree_jax.report.markup import count_of, image, number, text, tiles, write_page
 from itree_jax.report.scene_figures import overlay_picture
-from itree_jax.report.scene_page import scene_title
+from itree_jax.report.scene_page import scene_title, write_scene_view
 from itree_jax.report.scene_pictures import Picture
-from itree_jax.report.scene_view import scene_view
+from itree_jax.report.scene_view import SceneView, scene_view
+from itree_jax.report.truth_view import TruePose
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
 
@@ -43,15 +44,26 @@ class IndexEntry:
         return (-1.0 if self.best_score is None else self.best_score, self.scene_id, self.im_id)
 
 
-def index_entry(
-    page: Path, scene: Scene, detections: Detections, trees: Sequence[InterpretationTree]
+def report_scene(
+    path: Path,
+    scene: Scene,
+    detections: Detections,
+    trees: Sequence[InterpretationTree],
+    truth: Sequence[TruePose] | None = None,
 ) -> IndexEntry:
+    """`write_scene_report`, and the scene's entry for the index."""
+    view = scene_view(scene, detections, trees, truth)
+    write_scene_view(path, view)
+    return index_entry(path, view)
+
+
+def index_entry(page: Path, view: SceneView) -> IndexEntry:
     """The entry of a scene whose report lies at `page`; its thumbnail shows the poses' contours."""
-    view = scene_view(scene, detections, trees)
+    scene, found = view.scene, view.detections
     return IndexEntry(
-        page=Path(page), scene_id=scene.scene_id, im_id=scene.im_id, title=scene_title(scene), count=len(detections),
-        best_score=max((d.score for d in detections), default=None), lost=len(detections.not_recognised),
-        time=detections.time, thumbnail=overlay_picture(view, THUMBNAIL_WIDTH),
+        page=Path(page), scene_id=scene.scene_id, im_id=scene.im_id, title=scene_title(scene), count=len(found),
+        best_score=max((d.score for d in found), default=None), lost=len(found.not_recognised), time=found.time,
+        thumbnail=overlay_picture(view, THUMBNAIL_WIDTH),
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ BADGE_SIZE = 0.55  # of OpenCV's font, on a picture 640 px wide
 LEAST_BADGE_SIZE = 0.4  # smaller digits cannot be read
 CODE_COLOURS = ((AGREES, AGREE), (CONTRADICTS, CONTRADICT), (IS_HIDDEN, HIDDEN))
 
-Line = Int[np.ndarray, "points 1 2"]
+Line = Int[np.ndarray, "_ 1 2"]
 
 
 class Outlined(NamedTuple):
@@ -145,6 +145,6 @@ def pose_picture(background: Picture, pose: RenderedPose, codes: Codes, colour: 
     return np.concatenate([contour, gap, residual], axis=1)
 
 
-def magnification(width: int, target: float) -> float:
+def magnification(width: int, target: int) -> float:
     """So that a picture of this width [px] becomes about `target` wide: 1, 2, 3.. times, or smaller."""
     return float(round(target / width)) if width < target else target / width

@@ -17,7 +17,7 @@ NOTHING, AGREES, CONTRADICTS, IS_HIDDEN = 0, 1, 2, 3
 EXPLAINED = 0.5  # of a region's pixels: so many must agree with a pose for it to explain the region
 STEEPEST = 0.2  # a depth difference is taken along the normal, down to this cosine of the slant (as in verification)
 
-Codes = UInt8[np.ndarray, "h w"]
+Codes = UInt8[np.ndarray, "_ _"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ def allowed(tree: InterpretationTree, sensor: Sensor, depth: Float[np.ndarray, "
 
 def residual_codes(
     pose: RenderedPose, needle: NeedleMap, depth: Float[np.ndarray, "h w"] | None, limit: Allowed
-) -> Codes:
+) -> UInt8[np.ndarray, "rows columns"]:
     """NOTHING, AGREES, CONTRADICTS or IS_HIDDEN for each pixel of the window of a pose rendered at scale 1.
 
     Without a depth map only the needles are compared.
@@ -68,9 +68,7 @@ class Residuals:
     depth: Float[np.ndarray, "h w"]  # z of that pose [mm], inf where none
 
 
-def combined(
-    shape: tuple[int, int], poses: Sequence[RenderedPose | None], codes: Sequence[Codes | None]
-) -> Residuals:
+def combined(shape: tuple[int, int], poses: Sequence[RenderedPose | None], codes: Sequence[Codes | None]) -> Residuals:
     """The codes of many poses in one image; poses that are not in it (None) say nothing."""
     image, speaker, nearest = np.zeros(shape, np.uint8), np.full(shape, -1), np.full(shape, np.inf)
     for k, (pose, code) in enumerate(zip(poses, codes, strict=True)):

@@ -121,9 +121,7 @@ def depth_figure(view: SceneView) -> str:
     picture = scaled(depth_colours(depth, near, far), magnification(depth.shape[1], MAP_WIDTH))
     stops = ", ".join(css(c) for c in colour_bar())
     ticks = "".join(f"<span>{number(near + f * (far - near), 0)} mm</span>" for f in (0.0, 0.25, 0.5, 0.75, 1.0))
-    legend = (
-        f'<div class="bar"><i style="background:linear-gradient(to right, {stops})"></i><div>{ticks}</div></div>'
-    )
+    legend = f'<div class="bar"><i style="background:linear-gradient(to right, {stops})"></i><div>{ticks}</div></div>'
     missing = 100.0 * float(np.mean(depth <= 0))
     caption = f"Depth z along the optical axis; near is bright. Dark grey: no depth ({number(missing)} % of pixels)."
     return figure(image(picture, f"depth from {near:.0f} to {far:.0f} mm"), "Depth map", caption, legend)

@@ -46,8 +46,12 @@ def write_scene_report(
 
     Raises ItreeError when an answer is of a part that no tree is given for, or the page cannot be written.
     """
-    view = scene_view(scene, detections, trees, truth)
-    write_page(Path(path), scene_title(scene), scene_body(view))
+    write_scene_view(path, scene_view(scene, detections, trees, truth))
+
+
+def write_scene_view(path: Path, view: SceneView) -> None:
+    """As `write_scene_report`, of what is computed already."""
+    write_page(Path(path), scene_title(view.scene), scene_body(view))
 
 
 def scene_title(scene: Scene) -> str:
@@ -78,10 +82,7 @@ def scene_body(view: SceneView) -> str:
 def decisions(view: SceneView) -> str:
     if not view.poses:
         return ""
-    return (
-        f"<section><h2>Decision paths</h2>{STEPS_KEY}"
-        f'<p class="muted">{TREE_KEY}</p>{pose_details(view)}</section>'
-    )
+    return f'<section><h2>Decision paths</h2>{STEPS_KEY}<p class="muted">{TREE_KEY}</p>{pose_details(view)}</section>'
 
 
 def key_figures(view: SceneView) -> list[tuple[str, str]]:

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from itree_jax.report.palette import GREY, Rgb, cycle, ink_on
 from itree_jax.sensing.needle import NeedleMap
 
-Picture = UInt8[np.ndarray, "h w 3"]
+Picture = UInt8[np.ndarray, "_ _ 3"]
 
 DISPLAY_GAMMA = 2.2  # screens expect it; the images are linear
 WHITE_PERCENTILE = 99.5  # brighter pixels (highlights) are shown white
@@ -74,7 +74,7 @@ def needle_lines(background: Picture, needle: NeedleMap, scale: float) -> Pictur
     width = max(1, round(picture.shape[1] / 640))
     v, u = np.mgrid[step // 2 : known.shape[0] : step, step // 2 : known.shape[1] : step].reshape(2, -1)
     keep = known[v, u]
-    base = np.stack([u[keep], v[keep]], axis=-1)
+    base = np.stack([u[keep], v[keep]], axis=-1).astype(float)
     tip = base + NEEDLE_LENGTH * step * normals[v[keep], u[keep], :2]
     for a, b in zip(scaled_uv(base, scale), scaled_uv(tip, scale), strict=True):
         start, end = subpixel(a), subpixel(b)

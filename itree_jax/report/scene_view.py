@@ -95,7 +95,11 @@ def scene_view(
 
 
 def pose_view(
-    detection: Detection, k: int, trees: dict[int, InterpretationTree], meshes: dict[int, RayMesh], scene: Scene,
+    detection: Detection,
+    k: int,
+    trees: dict[int, InterpretationTree],
+    meshes: dict[int, RayMesh],
+    scene: Scene,
     needle: NeedleMap,
 ) -> PoseView:
     tree = trees[detection.obj_id]

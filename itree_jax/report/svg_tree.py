@@ -13,13 +13,13 @@ from itree_jax.report.rule_titles import rule_title
 from itree_jax.report.tree_path import child_of, roots
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
-BOX_W, BOX_H = 106, 38  # [px] of a branch
-COLUMN = 190  # [px] from branch to branch
-ROW = 48  # [px] from leaf to leaf
-MARGIN = 8
+BOX_W, BOX_H = 106.0, 38.0  # [px] of a branch
+COLUMN = 190.0  # [px] from branch to branch
+ROW = 48.0  # [px] from leaf to leaf
+MARGIN = 8.0
 TURN = 14  # [px] behind a branch where its edges part
 CHAR = 8.0  # [px] of a leaf's digits
-STEP_W, STEP_GAP = 66, 10  # [px] of a determination rule
+STEP_W, STEP_GAP = 66.0, 10.0  # [px] of a determination rule
 TREE_KEY = (
     "In the tree, a box names branch, rule and measured error rate with its 95 % interval. A filled dot leads to the "
     "side where any of the numbered identifying faces is detectable, a ring to the side where none is. A leaf gives "
@@ -71,7 +71,7 @@ def layout(tree: InterpretationTree) -> Layout:
     depth: dict[int, int] = {}
     for k in range(len(nodes.branch)):  # parents come first
         depth[k] = depth.get(int(nodes.parent[k]), -1) + 1
-    node_x = {k: float(MARGIN + COLUMN * d) for k, d in depth.items()}
+    node_x = {k: MARGIN + COLUMN * d for k, d in depth.items()}
     node_y: dict[int, float] = {}
     for k in reversed(range(len(nodes.branch))):
         sides = [side_y(tree, k, visible, node_y, leaf_y) for visible in (True, False)]
@@ -153,8 +153,8 @@ def node_box(tree: InterpretationTree, at: Layout, node: int, group: int | None)
     if second:
         lines += f'<text class="small" x="{x + BOX_W / 2:.0f}" y="{y + 30:.1f}">{text(second)}</text>'
     return (
-        f'<g class="box {kind.strip()}"><title>{text(hint)}</title><rect x="{x:.0f}" y="{y:.1f}" width="{BOX_W}" '
-        f'height="{BOX_H}" rx="6"/>{lines}</g>'
+        f'<g class="box {kind.strip()}"><title>{text(hint)}</title><rect x="{x:.0f}" y="{y:.1f}" width="{BOX_W:.0f}" '
+        f'height="{BOX_H:.0f}" rx="6"/>{lines}</g>'
     )
 
 
@@ -197,8 +197,9 @@ def step_box(tree: InterpretationTree, g: int, rule: str, x: float, y: float, on
     draws = count_of(int(determination.draws[g]), "noisy draw")
     hint = f"{rule}, {rule_title(rule)}: error {percent(error)} of {draws}"
     return (
-        f'<path class="edge{" on" if on else ""}" d="M{x - STEP_GAP:.0f} {y:.1f}h{STEP_GAP}"/>'
+        f'<path class="edge{" on" if on else ""}" d="M{x - STEP_GAP:.0f} {y:.1f}h{STEP_GAP:.0f}"/>'
         f'<g class="box step{" on" if on else ""}"><title>{text(hint)}</title><rect x="{x:.0f}" y="{y - 17:.1f}" '
-        f'width="{STEP_W}" height="34" rx="6"/><text class="name" x="{x + STEP_W / 2:.0f}" y="{y - 3:.1f}">{text(rule)}'
-        f'</text><text class="small" x="{x + STEP_W / 2:.0f}" y="{y + 11:.1f}">{text(percent(error))}</text></g>'
+        f'width="{STEP_W:.0f}" height="34" rx="6"/>'
+        f'<text class="name" x="{x + STEP_W / 2:.0f}" y="{y - 3:.1f}">{text(rule)}</text>'
+        f'<text class="small" x="{x + STEP_W / 2:.0f}" y="{y + 11:.1f}">{text(percent(error))}</text></g>'
     )

@@ -8,16 +8,17 @@ from dataclasses import dataclass
 
 import cv2
 import jax
-import jax.numpy as jnp
 import numpy as np
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.features.region import RegionFeatures, measure, measure_batch
+from itree_jax.features.region import RegionFeatures, measure_batch
 from itree_jax.features.window import Window
+from itree_jax.sensing.reaching import LIGHTS_NEEDED
 from itree_jax.sensor import Sensor
+from itree_jax.tree.groups import roll_rotation
 
 WINDOW_SIZE = 48  # pixels across the largest extent of the part: 2 % of its size, and a region has hundreds of them
 WINDOW_MARGIN = 1.1  # the window is this much wider than the part, so that noise at its rim isn't cut
@@ -54,10 +55,7 @@ def window_camera(reach: float) -> tuple[Camera, float]:
 
 def turned(R_cam_obj: Float[np.ndarray, "views 3 3"], rolls: int) -> Float[np.ndarray, "views rolls 3 3"]:
     """Every view turned about the line of sight by 2 pi k / rolls."""
-    angle = 2.0 * np.pi * np.arange(rolls) / rolls
-    c, s, o = np.cos(angle), np.sin(angle), np.zeros(rolls)
-    R_turn = np.stack([c, -s, o, s, c, o, o, o, o + 1.0], axis=-1).reshape(rolls, 3, 3)
-    return np.einsum("kij,vjl->vkil", R_turn, R_cam_obj)
+    return np.einsum("kij,vjl->vkil", roll_rotation(2.0 * np.pi * np.arange(rolls) / rolls), R_cam_obj)
 
 
 def largest_regions(
@@ -68,6 +66,16 @@ def largest_regions(
     areas = stats[1:, cv2.CC_STAT_AREA]
     order = [k for k in np.argsort(-areas, kind="stable") if areas[k] >= least_pixels][:most]
     return [labels == k + 1 for k in order] if count > 1 else []
+
+
+def interpretable(shapes: ApparentShapes, sensor: Sensor) -> Bool[np.ndarray, "views s s"]:
+    """Pixels of orthographic views that get a needle: lit by three lights or more, slant under the limit.
+
+    With three lights these are the detectable ones (sec. 2.1.1). With more, photometric stereo does without one that is
+    blocked, and a view that asked for all of them would show other regions than the sensor does.
+    """
+    facing = -shapes.normal[..., 2] > np.cos(sensor.slant_limit)
+    return facing & (shapes.lit.sum(axis=1) >= LIGHTS_NEEDED)
 
 
 def region_points(
@@ -101,8 +109,9 @@ def appearances(
         shapes = cast_apparent_shapes(
             mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit
         )
+        seen = interpretable(shapes, sensor)
         for k in range(len(R)):
-            for mask in largest_regions(shapes.detectable[k], least):
+            for mask in largest_regions(seen[k], least):
                 attitude.append(first + k)
                 masks.append(mask)
                 normals.append(np.where(mask[..., None], shapes.normal[k], 0.0))
@@ -127,26 +136,17 @@ def mesh_reach(mesh: RayMesh) -> float:
     return float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 
-def measured(masks: list, normals: list, pitch: float, with_egi: bool = True) -> RegionFeatures:
+def measured(masks: list, normals: list, pitch: float) -> RegionFeatures:
     """Features of many windows as NumPy arrays, measured in batches of one size so that one shape is compiled."""
-    size, batch = WINDOW_SIZE, BATCH
-    measure_all = measure_batch if with_egi else measure_without_egi
-    parts = []
-    for first in range(0, max(1, len(masks)), batch):
-        mask = np.zeros((batch, size, size), bool)
-        normal = np.zeros((batch, size, size, 3), np.float32)
-        count = len(masks[first : first + batch])
+    size, parts = WINDOW_SIZE, []
+    for first in range(0, max(1, len(masks)), BATCH):
+        mask, normal = np.zeros((BATCH, size, size), bool), np.zeros((BATCH, size, size, 3), np.float32)
+        count = len(masks[first : first + BATCH])
         if count:
-            mask[:count], normal[:count] = masks[first : first + batch], normals[first : first + batch]
-        features = measure_all(Window(mask, normal, np.full(batch, pitch, np.float32)))
+            mask[:count], normal[:count] = masks[first : first + BATCH], normals[first : first + BATCH]
+        features = measure_batch(Window(mask, normal, np.full(BATCH, pitch, np.float32)))
         parts.append(jax.tree.map(lambda a, n=count: np.asarray(a)[:n], features))
     return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
-
-
-@jax.jit
-def measure_without_egi(windows: Window) -> RegionFeatures:
-    """`measure_batch` with an empty EGI: ten times as fast where rules don't compare it."""
-    return jax.vmap(lambda window: measure(window)._replace(egi=jnp.zeros(0)))(Window(*map(jnp.asarray, windows)))
 
 
 def inertia_table(features: RegionFeatures) -> Float[np.ndarray, "regions 4"]:

@@ -1,13 +1,17 @@
 """Choosing the rule of every node by measured error rates (the paper leaves this "to humans at present")."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.tree.branches import Branches
-from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, group_log_likelihood, kernel_bandwidth
+from itree_jax.tree.classification_rules import (
+    CLASSIFICATION_RULES,
+    RULE_NAMES,
+    kernel_bandwidth,
+    log_likelihoods,
+    quantities,
+)
 from itree_jax.tree.draws import Draws
 from itree_jax.tree.tree import PRUNED, Distributions, Nodes
 
@@ -19,8 +23,7 @@ EQUAL_ERROR = 0.005  # policy `measured`: rules this close are equal, the cheape
 def distributions(draws: Draws, group_count: int) -> Distributions:
     """The samples of every rule's quantity by group."""
     samples, bandwidths = [], []
-    for rule in CLASSIFICATION_RULES:
-        quantity = np.asarray(rule.quantity(draws.features))
+    for quantity in map(np.asarray, quantities(draws.features)):
         most = max(1, int(np.bincount(draws.group, minlength=group_count).max()))
         table = np.full((group_count, most, quantity.shape[1]), np.nan, np.float32)
         for g in range(group_count):
@@ -28,16 +31,7 @@ def distributions(draws: Draws, group_count: int) -> Distributions:
             table[g, : len(own)] = own
         samples.append(table)
         bandwidths.append(kernel_bandwidth(quantity, draws.group))
-    return Distributions(tuple(r.name for r in CLASSIFICATION_RULES), tuple(samples), tuple(bandwidths))
-
-
-def log_likelihoods(measured: Distributions, draws: Draws) -> Float[np.ndarray, "rules draws groups"]:
-    """log p(quantity | group) of every draw under every rule."""
-    likelihood = jax.jit(lambda q, s, h: jax.lax.map(lambda one: group_log_likelihood(one[None], s, h)[0], q, batch_size=64))
-    return np.stack([
-        np.asarray(likelihood(jnp.asarray(rule.quantity(draws.features)), jnp.asarray(s), jnp.asarray(h)))
-        for rule, s, h in zip(CLASSIFICATION_RULES, measured.samples, measured.bandwidth, strict=True)
-    ])
+    return Distributions(RULE_NAMES, tuple(samples), tuple(bandwidths))
 
 
 def side_margin(
@@ -70,7 +64,7 @@ def choose_rules(
     """
     if policy not in POLICIES:
         raise ItreeError(f"There is no policy {policy!r}; use one of {', '.join(POLICIES)}.")
-    table = log_likelihoods(measured, test)
+    table = np.asarray(log_likelihoods(quantities(test.features), measured.samples, measured.bandwidth))
     rules, errors, intervals, all_errors, counts = [], [], [], [], []
     for k in range(branches.branch_count):
         visible, hidden = branches.visible[k] & kept, branches.hidden[k] & kept

@@ -7,6 +7,7 @@ a group is the set of vectors that noisy draws of the group gave, smoothed by a 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.nn import logsumexp
@@ -16,6 +17,7 @@ from itree_jax.features.region import RegionFeatures
 
 OUTLINE_HARMONICS = 5  # of d(theta): beyond it a window of 48 pixels holds mostly its own raster
 BEYOND_KERNELS = -0.5 * 6.0**2
+REGIONS_AT_ONCE = 16  # of regions compared with all draws of all groups
 LEAST_BANDWIDTH = 0.02  # 2 % of a length, 1 degree: what two exposures of one region differ by at least
 
 
@@ -83,3 +85,24 @@ def group_log_likelihood(
     count = jnp.maximum(jnp.sum(~missing, axis=-1), 1)
     # beyond every kernel all groups are equally unlikely: a floor at 6 sigma keeps the logarithm finite
     return jnp.maximum(logsumexp(exponent, axis=-1), BEYOND_KERNELS) - jnp.log(count)
+
+
+@jax.jit
+def quantities(features: RegionFeatures) -> tuple[Float[Array, "regions d"], ...]:
+    """What every rule compares, in the order of `CLASSIFICATION_RULES`."""
+    return tuple(rule.quantity(features) for rule in CLASSIFICATION_RULES)
+
+
+@jax.jit
+def log_likelihoods(
+    measured: tuple[Float[Array, "regions d"], ...],
+    samples: tuple[Float[Array, "groups draws d"], ...],
+    bandwidth: tuple[Float[Array, "d"], ...],
+) -> Float[Array, "rules regions groups"]:
+    """`group_log_likelihood` of every rule, a few regions at a time, which bounds its memory."""
+
+    def one(quantity):
+        likelihood = [group_log_likelihood(q[None], s, h)[0] for q, s, h in zip(quantity, samples, bandwidth, strict=True)]
+        return jnp.stack(likelihood)
+
+    return jnp.moveaxis(jax.lax.map(one, measured, batch_size=REGIONS_AT_ONCE), 0, 1)

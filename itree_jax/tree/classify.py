@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, RULE_NAMES, group_log_likelihood
+from itree_jax.tree.classification_rules import RULE_NAMES, log_likelihoods, quantities
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 # Half of the visible area of a bin is lit by all lights, so a region is as often cut as not; a cut one may fall on
@@ -61,11 +61,8 @@ def classification_arrays(tree: InterpretationTree) -> ClassificationArrays:
 @jax.jit
 def classify(features: RegionFeatures, arrays: ClassificationArrays) -> Classification:
     """Walks every region down all branches at once (leading axis regions)."""
-    quantities = tuple(rule.quantity(features) for rule in CLASSIFICATION_RULES)
-    likelihood = jnp.stack([
-        jax.lax.map(lambda q, s=s, h=h: group_log_likelihood(q[None], s, h)[0], quantity, batch_size=16)
-        for quantity, s, h in zip(quantities, arrays.samples, arrays.bandwidth, strict=True)
-    ])  # [rules, regions, groups]
+    measured = quantities(features)
+    likelihood = log_likelihoods(measured, arrays.samples, arrays.bandwidth)
     weighted = likelihood + jnp.log(jnp.maximum(arrays.prior, 1e-12))
     per_node = jnp.einsum("nk,krg->rng", arrays.rule, weighted)
 
@@ -81,4 +78,4 @@ def classify(features: RegionFeatures, arrays: ClassificationArrays) -> Classifi
     kept = arrays.prior > 0
     log_probability = jax.nn.log_softmax(jnp.where(kept, total, -jnp.inf), axis=-1)
     log_probability = jnp.where(kept, log_probability, jnp.log(PRUNED_PRIOR))
-    return Classification(log_probability, margin, quantities)
+    return Classification(log_probability, margin, measured)

@@ -12,14 +12,14 @@ from itree_jax.features.region import RegionFeatures
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.choice import ERROR_BOUND, wilson_interval
 from itree_jax.tree.determination_rules import (
-    ROTATIONS,
     AppearanceArrays,
     DeterminationScales,
-    aligned,
+    about_normal,
+    compare_shape,
     egi_candidates,
     egi_elsewhere,
-    outline_distance,
-    tilt_from,
+    shape_candidates,
+    within_roll,
 )
 from itree_jax.tree.draws import Draws
 from itree_jax.tree.tree import Determination
@@ -28,27 +28,28 @@ ROW_BATCH = 256  # appearance rows are padded to a multiple, so that few shapes 
 REACH = float(np.radians(20.0))  # refinement converges from here: an attitude within it is determined
 LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
 FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03)  # no scale is trusted below what other parts' shadows change
+OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
+SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
 DRAWS_AT_ONCE = 64
+SCALE_DRAWS, ERROR_DRAWS = 25, 100  # per group, at most: each is compared with every appearance at every turn
+TURNS = 32  # about the mean normal, tried for the best one
 RULES = ("A1", "A2", "A4", "A5")
 
 
-def appearance_arrays(table: Appearances, group_of_view: Int[np.ndarray, "views"], rolls: int, base_only: bool) -> tuple[
-    AppearanceArrays, Int[np.ndarray, "rows"]
-]:
-    """Rows for determination, padded, and their index in the table. `base_only`: one rotation per viewer direction."""
-    index = np.flatnonzero(table.attitude % rolls == 0) if base_only else np.arange(len(table.attitude))
-    size = max(1, -(-len(index) // ROW_BATCH)) * ROW_BATCH
+def appearance_arrays(table: Appearances, group_of_view: Int[np.ndarray, "views"]) -> AppearanceArrays:
+    """Rows for determination, padded with rows of area 0; row k is row k of the table."""
+    count = len(table.attitude)
+    extra = -count % ROW_BATCH
 
     def pad(values: np.ndarray) -> Array:
-        return jnp.asarray(np.concatenate([values[index], np.zeros((size - len(index), *values.shape[1:]), values.dtype)]))
+        return jnp.asarray(np.concatenate([values, np.zeros((extra, *values.shape[1:]), values.dtype)]))
 
-    arrays = AppearanceArrays(
+    return AppearanceArrays(
         R_cam_obj=pad(table.R_cam_obj[table.attitude]),
         group=pad(group_of_view[table.view[table.attitude]].astype(np.int32)),
         area=pad(table.area), mean_normal=pad(table.mean_normal), egi=pad(table.egi), inertia=pad(table.inertia),
         outline=pad(table.outline), centroid_obj=pad(table.centroid_obj),
     )
-    return arrays, np.concatenate([index, np.zeros(size - len(index), int)])
 
 
 def attitude_error(
@@ -68,60 +69,74 @@ def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Floa
     return jnp.asarray(np.asarray(symmetries.discrete)[:, :3, :3], jnp.float32), jnp.asarray(axis)
 
 
-@partial(jax.jit, static_argnames=())
+@partial(jax.jit, static_argnames=("roll_step",))
 def scale_samples(
-    features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], base: AppearanceArrays,
-    rows: AppearanceArrays, turns: Float[Array, "k 3 3"], axis: Float[Array, "3"],
+    features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
+    turns: Float[Array, "k 3 3"], axis: Float[Array, "3"], roll_step: float,
 ) -> Float[Array, "draws 5"]:
-    """What the candidate nearest to the truth leaves: tilt, direction, outline, size, EGI share elsewhere."""
+    """What the appearance nearest to the truth leaves: tilt, direction (NaN where there is none), outline, size, EGI
+    share elsewhere."""
 
     def one(item):
-        f, R, g = item
-        candidates = aligned(f, base)
-        own = ((base.group == g) & (base.area > 0))[:, None]
-        error = jnp.where(own, attitude_error(candidates, R, turns, axis), jnp.inf)
-        k, turn = jnp.unravel_index(jnp.argmin(error), error.shape)
-        tilt = tilt_from(candidates[k, turn], base.R_cam_obj[k])
-        distance = outline_distance(f.outline, base.outline)[k, turn]
-        size = 0.25 * jnp.log(jnp.maximum(f.inertia.I_max, 1.0) / jnp.maximum(base.inertia[k, 0], 1.0))
-        row_error = attitude_error(rows.R_cam_obj, R, turns, axis)
-        row_error = row_error + jnp.where(jnp.sum(rows.mean_normal * f.mean_normal, -1) > 0.9, 0.0, 10.0)
-        nearest = jnp.argmin(jnp.where(rows.area > 0, row_error, jnp.inf))
-        elsewhere = egi_elsewhere(f.egi, rows.egi[nearest][None])[0]
-        return jnp.stack([tilt, error[k, turn], distance, jnp.abs(size), elsewhere])
+        f, R, _ = item
+        seen = compare_shape(f, rows)
+        distance = jnp.where(within_roll(seen.turn, roll_step), seen.distance, jnp.inf)
+        at = jnp.argmin(distance, axis=1)
+        distance = jnp.take_along_axis(distance, at[:, None], axis=1)[:, 0]
+        same = (rows.area > 0) & (jnp.cos(seen.tilt) > SAME_REGION)
+        # of an attitude's regions with one mean normal, the one of the same shape
+        away = attitude_error(rows.R_cam_obj, R, turns, axis) + 0.1 * jnp.minimum(distance, 1.0)
+        k = jnp.argmin(jnp.where(same, away, jnp.inf))
+        # any appearance within reach would do: the one that fits best
+        within = same & (away < away[k] + REACH)
+        elsewhere = jnp.min(jnp.where(within, egi_elsewhere(f.egi, rows.egi), jnp.inf))
+        unique = jnp.minimum(f.inertia.uniqueness, rows.inertia[k, 3]) > LEAST_UNIQUENESS
+        direction = jnp.where(unique, seen.direction[at[k]], jnp.nan)
+        return jnp.stack([seen.tilt[k], direction, distance[k], jnp.abs(seen.size[k]), elsewhere])
 
-    return jax.lax.map(one, (features, R_true, group), batch_size=8)
+    return jax.lax.map(one, (features, R_true, group), batch_size=4)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames=("roll_step",))
 def rule_errors(
-    features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], base: AppearanceArrays,
-    rows: AppearanceArrays, scales: DeterminationScales, turns: Float[Array, "k 3 3"], axis: Float[Array, "3"],
+    features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
+    scales: DeterminationScales, turns: Float[Array, "k 3 3"], axis: Float[Array, "3"], roll_step: float,
 ) -> Float[Array, "draws 4"]:
-    """Attitude error [rad] left by A1 (best rotation given), A2, A4 (better of two), A5 (the one it picks)."""
+    """Attitude error [rad] left within the true group by A1 (the best turn about the mean normal given), A2, A4 (better
+    of its two) and A5 (the one that it picks)."""
+    angle = jnp.arange(TURNS) * (2.0 * jnp.pi / TURNS)
 
     def one(item):
         f, R, g = item
-        own = (base.group == g) & (base.area > 0)
-        candidates = aligned(f, base)
-        error = attitude_error(candidates, R, turns, axis)
-        tilt = tilt_from(candidates, base.R_cam_obj[:, None])
-        distance = outline_distance(f.outline, base.outline)
-        penalty = 0.5 * (tilt / scales.tilt) ** 2 + 0.5 * (distance / scales.outline) ** 2
-        penalty = jnp.where(own[:, None], penalty, jnp.inf)
-        half = ROTATIONS // 2
-        a1 = jnp.min(error[jnp.argmin(jnp.min(penalty, axis=1))])
-        two = penalty[:, ::half]
-        k = jnp.argmin(jnp.min(two, axis=1))
-        a4 = jnp.min(error[k, ::half])
-        flat = jnp.argmin(two)
-        a5 = error[:, ::half].reshape(-1)[flat]
-        prior = jnp.where(jnp.arange(base.group.shape[0]) == g, 0.0, -jnp.inf)
-        best = egi_candidates(f, rows, prior, scales, 1)
-        a2 = attitude_error(best.R_ray_obj[0], R, turns, axis)
-        return jnp.stack([a1, a2, a4, a5])
+        prior = jnp.where(jnp.arange(rows.group.shape[0]) == g, 0.0, -jnp.inf)
+        by_shape = shape_candidates(f, rows, prior, scales, 1, roll_step).R_ray_obj[0]
+        error = attitude_error(about_normal(f.mean_normal, angle) @ by_shape, R, turns, axis)
+        by_egi = egi_candidates(f, rows, prior, scales, 1).R_ray_obj[0]
+        a2 = attitude_error(by_egi, R, turns, axis)
+        return jnp.stack([jnp.min(error), a2, jnp.minimum(error[0], error[TURNS // 2]), error[0]])
 
-    return jax.lax.map(one, (features, R_true, group), batch_size=8)
+    return jax.lax.map(one, (features, R_true, group), batch_size=4)
+
+
+def scales_of(samples: Float[np.ndarray, "draws 5"]) -> Float[np.ndarray, "5"]:
+    """Root mean square of each quantity (a direction that no draw has: the floor), outliers bounded; of the EGI's the
+    lower quartile.
+
+    Most of the mass that a draw has elsewhere comes from the appearances being 13 degrees apart, about as wide as the
+    cells; a draw close to one of them shows what noise and shadow leave.
+    """
+    samples = np.where(np.isnan(samples).all(axis=0), 0.0, samples)
+    typical = np.minimum(samples, OUTLIER * np.nanmedian(samples, axis=0) + 1e-3)
+    spread = np.sqrt(np.nanmean(typical**2, axis=0))
+    spread[4] = np.percentile(samples[:, 4], 25.0)
+    return np.maximum(spread, FLOORS)
+
+
+def first_of_each_group(draws: Draws, count: int) -> Draws:
+    """The first `count` draws of every group."""
+    index = np.sort(np.concatenate([np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)]))
+    features = jax.tree.map(lambda a: a[index], draws.features)
+    return Draws(features, draws.group[index], draws.R_cam_obj[index], draws.empty)
 
 
 def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
@@ -140,13 +155,14 @@ def measure_determination(
     test: Draws, group_count: int,
 ) -> Determination:
     """Scales from one set of draws, error rates from another."""
-    base, _ = appearance_arrays(table, group_of_view, rolls, base_only=True)
-    rows, _ = appearance_arrays(table, group_of_view, rolls, base_only=False)
+    train, test = first_of_each_group(train, SCALE_DRAWS), first_of_each_group(test, ERROR_DRAWS)
+    rows = appearance_arrays(table, group_of_view)
     turns, axis = symmetry_arrays(symmetries)
-    samples = in_batches(scale_samples, train, base, rows, turns, axis)
-    spread = np.maximum(np.sqrt(np.mean(np.minimum(samples, np.median(samples, axis=0) * 4.0 + 1e-3) ** 2, axis=0)), FLOORS)
-    scales = np.array([*spread, LEAST_UNIQUENESS], np.float32)
-    errors = in_batches(rule_errors, test, base, rows, DeterminationScales(*map(jnp.float32, scales)), turns, axis)
+    roll_step = 2.0 * np.pi / rolls
+    samples = in_batches(partial(scale_samples, roll_step=roll_step), train, rows, turns, axis)
+    scales = np.array([*scales_of(samples), LEAST_UNIQUENESS], np.float32)
+    measured = DeterminationScales(*map(jnp.float32, scales))
+    errors = in_batches(partial(rule_errors, roll_step=roll_step), test, rows, measured, turns, axis)
     rate = np.full((group_count, len(RULES)), np.nan, np.float32)
     interval = np.full((group_count, len(RULES), 2), np.nan, np.float32)
     for g in range(group_count):

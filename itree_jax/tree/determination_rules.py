@@ -1,8 +1,8 @@
 """Determination rules A1, A2, A4, A5: candidate attitudes of a region, with their log-likelihoods (sec. 2.2.1).
 
-A1 turns an appearance so that the EGI mass centres agree; A4 turns it about them so that the inertia directions agree
-(two candidates); A5 compares the outlines d(theta) under each remaining rotation. A2 compares the whole extended
-Gaussian image with that of every attitude and needs no outline, so that cut regions keep their orientation content.
+Every appearance (view x roll) is turned so that its mean normal is the region's (A1), then about that normal by no more
+than half a step of roll: as far as its cast shadows hold. A4 compares the inertia directions, A5 the outlines d(theta).
+A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation content.
 """
 
 from typing import NamedTuple
@@ -14,8 +14,9 @@ from jaxtyping import Array, Float, Int
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
 
-ROTATIONS = 16  # candidates about the mass centre where A4 can't tell: every 22.5 degrees, half of it within reach of
-# refinement; a divisor of the outline's 64 directions
+# A region that was cut lies about its direction, outline and size: none of them counts for more than this (2.8 sigma).
+MOST_PENALTY = 4.0
+FAR = 1e3  # penalty of a turn that no appearance stands for [log-likelihood]
 
 
 class AppearanceArrays(NamedTuple):
@@ -34,7 +35,7 @@ class AppearanceArrays(NamedTuple):
 class DeterminationScales(NamedTuple):
     """Spread of what a true attitude leaves, measured on noisy draws."""
 
-    tilt: Float[Array, ""]  # of the viewer direction [rad]: the dome's cells and A1's error
+    tilt: Float[Array, ""]  # of the mean normal [rad]: the dome's cells and A1's error
     direction: Float[Array, ""]  # of A4's direction [rad]
     outline: Float[Array, ""]  # of A5's relative distance
     size: Float[Array, ""]  # of log lengths
@@ -50,12 +51,56 @@ class Candidates(NamedTuple):
     log_likelihood: Float[Array, "*n"]
 
 
-def inertia_frame(mean_normal: Float[Array, "3"], alpha: Float[Array, ""]) -> Float[Array, "3 3"]:
-    """Columns: inertia direction on the face, its complement, mean normal (all 3-D, unit, right-handed)."""
-    p, q = gradient_space(mean_normal)
+class ShapeComparison(NamedTuple):
+    """A region beside every appearance, turned by A1; `turns` are rotations about the mean normal, one per direction of
+    the outline."""
+
+    tilt: Float[Array, "rows"]  # between the mean normals [rad]
+    turn: Float[Array, "rows turns"]  # about the mean normal, from the face's x' to its y' [rad], -pi..pi
+    direction: Float[Array, "turns"]  # between the inertia directions [rad], 0..pi/2
+    distance: Float[Array, "rows turns"]  # relative rms distance of the outlines
+    size: Float[Array, "rows"]  # log of the ratio of lengths
+
+
+def compare_shape(features: RegionFeatures, rows: AppearanceArrays) -> ShapeComparison:
+    """One region against all appearances."""
+    n_theta = rows.outline.shape[-1]
+    p, q = gradient_space(features.mean_normal)
     e1, e2 = face_axes(p, q)
-    a = jnp.cos(alpha) * e1 + jnp.sin(alpha) * e2
-    return jnp.stack([a, jnp.cross(mean_normal, a), mean_normal], axis=-1)
+    toward = jax.vmap(direction_after_turn, in_axes=(0, 0, None))(rows.mean_normal, rows.inertia[:, 2], features.mean_normal)
+    lag = features.inertia.alpha - jnp.arctan2(toward @ e2, toward @ e1)  # from the appearance's direction to the region's
+    step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
+    half = jnp.pi / 2.0
+    cosine = jnp.clip(rows.mean_normal @ features.mean_normal, -1.0, 1.0)
+    lengths = jnp.log(jnp.maximum(features.inertia.I_max, 1.0)) - jnp.log(jnp.maximum(rows.inertia[:, 0], 1.0))
+    return ShapeComparison(
+        tilt=jnp.arccos(cosine),
+        turn=wrapped(lag[:, None] + step[None, :]),
+        direction=half - jnp.abs(half - step % jnp.pi),
+        distance=outline_distance(features.outline, rows.outline),
+        size=0.25 * lengths,
+    )
+
+
+def direction_after_turn(
+    normal: Float[Array, "3"], alpha: Float[Array, ""], target: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """The 3-D inertia direction of a region after the smallest turn that takes its mean normal to `target`."""
+    e1, e2 = face_axes(*gradient_space(normal))
+    return shortest_turn(normal, target) @ (jnp.cos(alpha) * e1 + jnp.sin(alpha) * e2)
+
+
+def outline_distance(
+    outline: Float[Array, "n_theta"], table: Float[Array, "rows n_theta"]
+) -> Float[Array, "rows turns"]:
+    """Relative rms distance of d(theta) from every appearance's turned by each 2 pi k/n_theta from x' to y'."""
+    n_theta = outline.shape[0]
+    k = jnp.arange(n_theta)
+    turned_back = outline[(k[None, :] + k[:, None]) % n_theta]
+    size = jnp.maximum(jnp.mean(table, axis=-1), 1e-6)
+    power = jnp.mean(table**2, axis=-1)[:, None] + jnp.mean(outline**2)
+    mean_square = power - 2.0 * (table @ turned_back.T) / n_theta
+    return jnp.sqrt(jnp.maximum(mean_square, 0.0)) / size[:, None]
 
 
 def egi_elsewhere(egi: Float[Array, "cells"], table: Float[Array, "rows cells"]) -> Float[Array, "rows"]:
@@ -64,63 +109,48 @@ def egi_elsewhere(egi: Float[Array, "cells"], table: Float[Array, "rows cells"])
     return 1.0 - jnp.sum(jnp.minimum(egi, table), axis=-1) / total
 
 
-def outline_distance(
-    outline: Float[Array, "n_theta"], table: Float[Array, "rows n_theta"]
-) -> Float[Array, "rows rotations"]:
-    """Relative rms distance of d(theta) from every appearance's under every rotation."""
-    n_theta = outline.shape[0]
-    shift = jnp.arange(ROTATIONS) * (n_theta // ROTATIONS)
-    # theta runs from e1 to e2, against the turn about the mean normal (which faces the viewer)
-    turned = outline[(jnp.arange(n_theta)[None, :] - shift[:, None]) % n_theta]
-    size = jnp.maximum(jnp.mean(table, axis=-1), 1e-6)
-    power = jnp.mean(table**2, axis=-1)[:, None] + jnp.mean(turned**2, axis=-1)[None, :]
-    mean_square = power - 2.0 * (table @ turned.T) / n_theta
-    return jnp.sqrt(jnp.maximum(mean_square, 0.0)) / size[:, None]
+def egi_penalty(
+    features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
+) -> tuple[Float[Array, "rows"], Float[Array, "rows"]]:
+    """A2's penalties of mass that an appearance doesn't have at all, and of mass that it hasn't where the region has it."""
+    elsewhere = egi_elsewhere(features.egi, rows.egi)
+    excess = jnp.log(jnp.maximum(features.area, 1.0)) - jnp.log(jnp.maximum(rows.area, 1.0))
+    return 0.5 * (jnp.maximum(excess, 0.0) / (2.0 * scales.size)) ** 2, 0.5 * (elsewhere / scales.egi) ** 2
 
 
-def aligned(features: RegionFeatures, rows: AppearanceArrays) -> Float[Array, "rows rotations 3 3"]:
-    """A1 then every rotation about the mass centre; rotation 0 and the opposite one are A4's two candidates."""
-    observed = inertia_frame(features.mean_normal, features.inertia.alpha)
-    angle = 2.0 * jnp.pi * jnp.arange(ROTATIONS) / ROTATIONS
-    c, s, o = jnp.cos(angle), jnp.sin(angle), jnp.zeros(ROTATIONS)
-    turn = jnp.stack([c, -s, o, s, c, o, o, o, o + 1.0], axis=-1).reshape(-1, 3, 3)
-    model = inertia_frames(rows)
-    in_frame = jnp.einsum("kca,kcb->kab", model, rows.R_cam_obj)  # model frame <- part
-    return jnp.einsum("ac,tcd,kdb->ktab", observed, turn, in_frame)
-
-
-def inertia_frames(rows: AppearanceArrays) -> Float[Array, "rows 3 3"]:
-    """Inertia frames of all rows."""
-    return jax.vmap(inertia_frame)(rows.mean_normal, rows.inertia[:, 2])
-
-
-def tilt_from(R_ray_obj: Float[Array, "*n 3 3"], R_cam_obj: Float[Array, "*n 3 3"]) -> Float[Array, "*n"]:
-    """Angle [rad] between the viewer directions of two attitudes, in the part's frame."""
-    cosine = jnp.sum(R_ray_obj[..., 2, :] * R_cam_obj[..., 2, :], axis=-1)
-    return jnp.arccos(jnp.clip(cosine, -1.0, 1.0))
+def bounded(deviation: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Penalty of a deviation in its own scale, as of a Gaussian with outliers."""
+    return jnp.minimum(0.5 * deviation**2, MOST_PENALTY)
 
 
 def shape_candidates(
     features: RegionFeatures, rows: AppearanceArrays, group_log_prior: Float[Array, "groups"],
-    scales: DeterminationScales, most: int,
+    scales: DeterminationScales, most: int, roll_step: float,
 ) -> Candidates:
-    """A1, A4, A5: the best `most` attitudes by mass centre, inertia direction, size and outline."""
-    R = aligned(features, rows)
-    tilt = tilt_from(R, rows.R_cam_obj[:, None])
-    distance = outline_distance(features.outline, rows.outline)
-    size = 0.25 * (jnp.log(jnp.maximum(features.inertia.I_max, 1.0)) - jnp.log(jnp.maximum(rows.inertia[:, 0], 1.0)))
-    step = 2.0 * jnp.pi / ROTATIONS
-    k = jnp.arange(ROTATIONS)
-    half_turns = step * jnp.minimum(k % (ROTATIONS // 2), (-k) % (ROTATIONS // 2))
+    """A1, A2, A4, A5: the best `most` appearances by mean normal, EGI, inertia direction, size and outline, each at its
+    best turn.
+
+    `roll_step` [rad] is the angle between the rolls of the appearances.
+    """
+    seen = compare_shape(features, rows)
     unique = (features.inertia.uniqueness > scales.least_uniqueness) & (rows.inertia[:, 3] > scales.least_uniqueness)
-    # a region that was cut lies about its direction and outline: their penalties are bounded
-    a1 = 0.5 * (tilt / scales.tilt) ** 2
-    a4 = jnp.where(unique[:, None], jnp.minimum(0.5 * (half_turns[None, :] / scales.direction) ** 2, 4.0), 0.0)
-    a5 = jnp.minimum(0.5 * (distance / scales.outline) ** 2, 4.0)
-    l1 = jnp.minimum(0.5 * (size / scales.size) ** 2, 4.0)[:, None]
-    score = -(a1 + a4 + a5 + l1) + group_log_prior[rows.group][:, None]
-    score = jnp.where(rows.area[:, None] > 0, score, -jnp.inf)
-    return best(R.reshape(-1, 3, 3), jnp.repeat(jnp.arange(len(rows.area)), ROTATIONS), score.reshape(-1), most)
+    a1 = 0.5 * (seen.tilt / scales.tilt) ** 2
+    l1 = bounded(seen.size / scales.size)
+    a4 = jnp.where(unique[:, None], bounded(seen.direction / scales.direction)[None, :], 0.0)
+    a5 = bounded(seen.distance / scales.outline)
+    penalty = a4 + a5 + jnp.where(within_roll(seen.turn, roll_step), 0.0, FAR)
+    at = jnp.argmin(penalty, axis=1)
+    excess, elsewhere = egi_penalty(features, rows, scales)
+    whole = jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] + l1 + jnp.minimum(excess, MOST_PENALTY)
+    score = group_log_prior[rows.group] - a1 - elsewhere - whole
+    value, row = jax.lax.top_k(jnp.where(rows.area > 0, score, -jnp.inf), most)
+    R = about_normal(features.mean_normal, seen.turn[row, at[row]]) @ facing(rows, row, features.mean_normal)
+    return Candidates(R, row, value)
+
+
+def within_roll(turn: Float[Array, "*n"], roll_step: float) -> Array:
+    """Turns that the appearance of the next roll doesn't stand for better; never empty."""
+    return jnp.abs(turn) <= 0.5 * (roll_step + 2.0 * jnp.pi / turn.shape[-1])
 
 
 def egi_candidates(
@@ -128,32 +158,41 @@ def egi_candidates(
     scales: DeterminationScales, most: int,
 ) -> Candidates:
     """A2: the best `most` attitudes by extended Gaussian image, each turned the short way so that A1 agrees."""
-    elsewhere = egi_elsewhere(features.egi, rows.egi)
-    too_small = jnp.maximum(jnp.log(jnp.maximum(features.area, 1.0)) - jnp.log(jnp.maximum(rows.area, 1.0)), 0.0)
-    score = -0.5 * (elsewhere / scales.egi) ** 2 - 0.5 * (0.5 * too_small / scales.size) ** 2
-    score = jnp.where(rows.area > 0, score + group_log_prior[rows.group], -jnp.inf)
+    excess, elsewhere = egi_penalty(features, rows, scales)
+    missing = 1.0 - (1.0 - egi_elsewhere(features.egi, rows.egi)) * jnp.sum(features.egi) / jnp.maximum(rows.area, 1.0)
+    score = group_log_prior[rows.group] - excess - elsewhere - 0.5 * missing**2  # a whole region is likelier than a part
+    score = jnp.where(rows.area > 0, score, -jnp.inf)
     value, row = jax.lax.top_k(score, most)
-    turn = jax.vmap(shortest_turn, in_axes=(0, None))(rows.mean_normal[row], features.mean_normal)
-    return Candidates(turn @ rows.R_cam_obj[row], row, value)
+    return Candidates(facing(rows, row, features.mean_normal), row, value)
+
+
+def facing(rows: AppearanceArrays, row: Int[Array, "n"], mean_normal: Float[Array, "3"]) -> Float[Array, "n 3 3"]:
+    """A1: attitudes of these rows after the smallest turn that gives their regions this mean normal."""
+    turn = jax.vmap(shortest_turn, in_axes=(0, None))(rows.mean_normal[row], mean_normal)
+    return turn @ rows.R_cam_obj[row]
 
 
 def shortest_turn(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """The smallest rotation that takes unit vector a to unit vector b (not opposite: both face the viewer)."""
     v = jnp.cross(a, b)
-    c = jnp.sum(a * b)
-    zero = jnp.zeros_like(c)
-    K = jnp.stack([jnp.stack([zero, -v[2], v[1]]), jnp.stack([v[2], zero, -v[0]]), jnp.stack([-v[1], v[0], zero])])
-    return jnp.eye(3) + K + K @ K / (1.0 + c)
+    K = cross_matrix(v)
+    return jnp.eye(3) + K + K @ K / (1.0 + jnp.sum(a * b))
 
 
-def best(R: Float[Array, "n 3 3"], row: Int[Array, "n"], score: Float[Array, "n"], most: int) -> Candidates:
-    """The `most` best by score."""
-    value, index = jax.lax.top_k(score, most)
-    return Candidates(R[index], row[index], value)
+def about_normal(mean_normal: Float[Array, "3"], turn: Float[Array, "*n"]) -> Float[Array, "*n 3 3"]:
+    """Rotations about the mean normal, from the face's x' to its y': against the normal's own sense, which faces the
+    viewer."""
+    K = cross_matrix(-mean_normal)
+    s, c = jnp.sin(turn)[..., None, None], jnp.cos(turn)[..., None, None]
+    return jnp.eye(3) + s * K + (1.0 - c) * (K @ K)
 
 
-def rotation_angle(R: Float[Array, "*n 3 3"], S: Float[Array, "*n 3 3"]) -> Float[Array, "*n"]:
-    """Angle [rad] of R S^T."""
-    cosine = (jnp.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0
-    return jnp.arccos(jnp.clip(cosine, -1.0, 1.0))
+def cross_matrix(v: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """K with K x = v x x."""
+    zero = jnp.zeros_like(v[0])
+    return jnp.stack([jnp.stack([zero, -v[2], v[1]]), jnp.stack([v[2], zero, -v[0]]), jnp.stack([-v[1], v[0], zero])])
 
+
+def wrapped(angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """The same angle in -pi..pi."""
+    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
 from itree_jax.tree.determination import appearance_arrays
@@ -22,18 +23,15 @@ from itree_jax.tree.tree import InterpretationTree
 class DeterminationArrays(NamedTuple):
     """The tree's appearances as determination reads them."""
 
-    base: AppearanceArrays  # one rotation per viewer direction: rules A1, A4, A5
-    base_row: Int[Array, "base"]  # their rows in `rows`
-    rows: AppearanceArrays  # view x roll: rule A2
+    rows: AppearanceArrays  # view x roll
     scales: DeterminationScales
+    roll_step: float  # [rad]
 
 
 def determination_arrays(tree: InterpretationTree) -> DeterminationArrays:
-    group = tree.groups.group_of_view
-    base, index = appearance_arrays(tree.appearances, group, tree.rolls, base_only=True)
-    rows, _ = appearance_arrays(tree.appearances, group, tree.rolls, base_only=False)
+    rows = appearance_arrays(tree.appearances, tree.groups.group_of_view)
     scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
-    return DeterminationArrays(base, jnp.asarray(index, jnp.int32), rows, scales)
+    return DeterminationArrays(rows, scales, 2.0 * np.pi / tree.rolls)
 
 
 @partial(jax.jit, static_argnames=("by_shape", "by_egi"))
@@ -50,13 +48,12 @@ def determine(
     Returns candidates [regions, by_shape + by_egi] in the frame of each region's viewing ray, `row` an index into the
     tree's appearances.
     """
-    by_shape = min(by_shape, arrays.base.area.shape[0])
-    by_egi = min(by_egi, arrays.rows.area.shape[0])
+    count = arrays.rows.area.shape[0]
+    by_shape, by_egi = min(by_shape, count), min(by_egi, count)
 
     def one(item):
         f, prior = item
-        a = shape_candidates(f, arrays.base, prior, arrays.scales, by_shape)
-        a = a._replace(row=arrays.base_row[a.row])
+        a = shape_candidates(f, arrays.rows, prior, arrays.scales, by_shape, arrays.roll_step)
         b = egi_candidates(f, arrays.rows, prior, arrays.scales, by_egi)
         return Candidates(*(jnp.concatenate(pair) for pair in zip(a, b, strict=True)))
 

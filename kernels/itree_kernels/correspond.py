@@ -20,7 +20,7 @@ from itree_kernels.rays import camera_vector, ray_direction, ray_origin
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
-BISECTIONS = 4  # a contour point is found to 1/16 of the stride
+CONTOUR_ERROR = 0.5  # [px] a contour point is found to about this, or to 1/4 of the stride if that is less
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ def contour_kernel(
     near: float,
     stride: float,
     jump: float,
+    bisections: int,
     first: int,
     depth: wp.array3d(dtype=float),
     triangle: wp.array3d(dtype=int),
@@ -131,7 +132,7 @@ def contour_kernel(
     z_near = wp.where(near_is_a, za, zb)
     z_far = wp.where(near_is_a, zb, za)
     far_hit = a >= 0 and b >= 0
-    for _ in range(BISECTIONS):
+    for _ in range(bisections):
         middle = 0.5 * (inside + outside)
         tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
         is_near = tri >= 0
@@ -142,6 +143,11 @@ def contour_kernel(
             z_near = z
         else:
             outside = middle
+            z_far = z
+            far_hit = tri >= 0
+    # a step stays, however near its two sides are; on a steep face beyond a crease it has shrunk with their distance
+    if far_hit and wp.abs(z_far - z_near) < jump:
+        return
     contour_uv_out[h, side, i, j] = 0.5 * (inside + outside)
     contour_depth_out[h, side, i, j] = z_near
 
@@ -179,14 +185,17 @@ def correspondences(
     load_kernel(window_kernel, device)
     launch_in_chunks(cast_windows, count, rays_each=size * size, device=device)
     if jump is None:
-        empty = np.zeros((count, 2, 0, 0), np.float32)
-        return Correspondences(depth.numpy(), triangle.numpy(), empty[..., None], empty)
+        uv, z = np.zeros((count, 2, 0, 0, 2), np.float32), np.zeros((count, 2, 0, 0), np.float32)
+        return Correspondences(depth.numpy(), triangle.numpy(), uv, z)
     uv = wp.zeros((count, 2, size, size), dtype=wp.vec2, device=device)
     z = wp.zeros((count, 2, size, size), dtype=float, device=device)
 
+    # half of the last interval is the error: the middle is taken
+    bisections = max(2, int(np.ceil(np.log2(stride / (2.0 * CONTOUR_ERROR)))))
+
     def find_contours(first: int, last: int) -> None:
         wp.launch(contour_kernel, dim=(last - first, 2, size, size),
-                  inputs=[*common, float(jump), first, depth, triangle, mesh.normals_obj], outputs=[uv, z],
+                  inputs=[*common, float(jump), bisections, first, depth, triangle, mesh.normals_obj], outputs=[uv, z],
                   device=device)
 
     load_kernel(contour_kernel, device)

@@ -1,6 +1,8 @@
 """Exit codes and messages of the command line; a process that starts fast and ends."""
 
+import contextlib
 import gc
+import signal
 import subprocess
 import sys
 import time
@@ -68,23 +70,44 @@ def test_an_interrupt_exits_with_130(itree, monkeypatch, tmp_path):
     assert "interrupted" in ran.err
 
 
-def test_an_interrupt_that_falls_into_a_callback_is_heard(itree, monkeypatch, tmp_path):
-    """The garbage collector drops what its callbacks raise; the work would go on."""
+def interrupt_in_a_callback():
+    """The garbage collector drops what its callbacks raise."""
 
+    def callback(*_):
+        gc.callbacks.remove(callback)
+        signal.raise_signal(signal.SIGINT)
+
+    gc.callbacks.append(callback)
+    gc.collect()
+
+
+def interrupt_in_an_import():
+    """As libraries do around what they can do without."""
+    with contextlib.suppress(BaseException):
+        signal.raise_signal(signal.SIGINT)
+
+
+def interrupt_in_an_extension():
+    """As extension modules report whatever happens while they load."""
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("an error while initializing the extension") from None
+
+
+@pytest.mark.parametrize("interrupt", [interrupt_in_a_callback, interrupt_in_an_import, interrupt_in_an_extension])
+def test_an_interrupt_that_is_dropped_is_heard_all_the_same(itree, monkeypatch, tmp_path, interrupt):
     def work(_):
-        def callback(*_):
-            gc.callbacks.remove(callback)
-            raise KeyboardInterrupt
-
-        gc.callbacks.append(callback)
-        gc.collect()
+        interrupt()
         for _ in range(500):
             time.sleep(0.01)
         raise ItreeError("the work came to its end")
 
     monkeypatch.setattr("itree_jax.tree.tree_file.load_tree", work)
+    before = signal.getsignal(signal.SIGINT), sys.unraisablehook
     ran = itree("show", tmp_path / "a.tree")
-    assert (ran.code, ran.out, ran.err) == (130, "", "itree: interrupted, nothing was written\n")
+    assert (ran.code, ran.out, ran.err) == (130, "", "itree: interrupted; no output is half-written\n")
+    assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == before
 
 
 def test_a_mistake_of_the_program_keeps_its_traceback(itree, monkeypatch, tmp_path):

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from itree_jax.detections import Detections
-from itree_jax.report.index_page import IndexEntry, index_entry, write_index
+from itree_jax.report.index_page import IndexEntry, report_scene, write_index
+from itree_jax.report.scene_page import write_scene_report
 
 PICTURE = np.zeros((6, 8, 3), np.uint8)
 
@@ -47,10 +48,12 @@ def test_no_scene_is_an_empty_index(tmp_path, self_contained):
     assert self_contained((tmp_path / "index.html").read_text(encoding="utf-8")).count("img") == 0
 
 
-def test_an_entry_sums_up_its_scene(tmp_path, scene, detections, tree):
-    e = index_entry(tmp_path / "s.html", scene, detections, [tree])
+def test_an_entry_sums_up_its_scene_and_its_page_is_written(tmp_path, scene, detections, tree):
+    e = report_scene(tmp_path / "s.html", scene, detections, [tree])
+    write_scene_report(tmp_path / "t.html", scene, detections, [tree])
+    assert (tmp_path / "s.html").read_bytes() == (tmp_path / "t.html").read_bytes()
     assert (e.scene_id, e.count, e.best_score, e.lost, e.time) == (7, 2, 0.875, 1, 0.5)
-    nothing = index_entry(tmp_path / "s.html", scene, Detections(), [tree])
+    nothing = report_scene(tmp_path / "s.html", scene, Detections(), [tree])
     assert nothing.failed
     assert nothing.thumbnail.shape == e.thumbnail.shape
     assert (nothing.thumbnail != e.thumbnail).any()

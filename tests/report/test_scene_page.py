@@ -73,9 +73,7 @@ def test_what_is_missing_is_left_out(tmp_path, scene, detections, tree, self_con
     first, second = detections
     bare = replace(first, decision_path=(), rotation_std=None, translation_std=None)
     outside = replace(second, t_cam_obj=np.array([900.0, 0.0, 500.0]))
-    page = self_contained(
-        written(tmp_path / "s.html", replace(scene, depth=None), Detections((bare, outside)), [tree])
-    )
+    page = self_contained(written(tmp_path / "s.html", replace(scene, depth=None), Detections((bare, outside)), [tree]))
     for said in ("no depth map", "carry no regions", "outside of the image", "no decision path"):
         assert said in page.text
     assert page.count("svg", "tree") == 2

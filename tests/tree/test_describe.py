@@ -110,7 +110,7 @@ def test_the_text_has_every_group_rule_and_error(paper_tree):
         assert text.count(label) >= 2  # in the table of groups and in the drawn tree
     for k, branch in enumerate(paper_tree.nodes.branch):
         rule = paper_tree.nodes.rule[k]
-        error = "" if rule == PRUNED else f", errs in {100 * paper_tree.nodes.error[k]:.1f} %"
+        error = "" if rule == PRUNED else f", errs in {100 * float(paper_tree.nodes.error[k]):.1f} %"
         (line,) = [line.rstrip() for line in text.splitlines() if f"{branch}: any of" in line]
         assert line.endswith(f"? {rule}{error}")
 
