@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from itree_jax.compile import compile_tree as compile_tree
     from itree_jax.detections import Detection as Detection
     from itree_jax.detections import Detections as Detections
-    from itree_jax.evaluate import evaluate as evaluate
-    from itree_jax.recognize import prepare as prepare
-    from itree_jax.recognize import recognize as recognize
-    from itree_jax.refine.optimise import refine as refine
-    from itree_jax.refine.verify import verify as verify
+    from itree_jax.evaluation import evaluate as evaluate
+    from itree_jax.prepared import prepare as prepare
+    from itree_jax.recognition import recognize as recognize
+    from itree_jax.refinement.optimise import refine as refine
+    from itree_jax.refinement.verify import verify as verify
     from itree_jax.results import write_bop_csv as write_bop_csv
     from itree_jax.results import write_json as write_json
     from itree_jax.sensing.photometric import photometric_stereo as photometric_stereo
@@ -54,18 +54,18 @@ _HOME = {
     "classify": "itree_jax.tree.classify",
     "compile_tree": "itree_jax.compile",
     "determine": "itree_jax.tree.determine",
-    "evaluate": "itree_jax.evaluate",
+    "evaluate": "itree_jax.evaluation",
     "load_part": "itree_cad.load",
     "load_scene": "itree_jax.sensing.scene_folder",
     "load_sensor": "itree_jax.sensing.sensor_file",
     "load_tree": "itree_jax.tree.tree_file",
     "photometric_stereo": "itree_jax.sensing.photometric",
-    "prepare": "itree_jax.recognize",
-    "recognize": "itree_jax.recognize",
-    "refine": "itree_jax.refine.optimise",
+    "prepare": "itree_jax.prepared",
+    "recognize": "itree_jax.recognition",
+    "refine": "itree_jax.refinement.optimise",
     "regions": "itree_jax.sensing.regions",
     "save_tree": "itree_jax.tree.tree_file",
-    "verify": "itree_jax.refine.verify",
+    "verify": "itree_jax.refinement.verify",
     "write_bop_csv": "itree_jax.results",
     "write_json": "itree_jax.results",
 }

@@ -12,7 +12,7 @@ from itree_kernels.mesh import ray_mesh
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import appearances
 from itree_jax.tree.branches import branches
-from itree_jax.tree.choice import choose_rules, distributions
+from itree_jax.tree.choice import check_policy, choose_rules, distributions
 from itree_jax.tree.determination import measure_determination
 from itree_jax.tree.dome import camera_rotation, dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
@@ -48,9 +48,11 @@ def compile_tree(
         report: progress, called with (what, share done).
 
     Raises:
-        ItreeError: the part's size is implausible for the sensor, or nothing of it is detectable.
+        ItreeError: the part's size is implausible for the sensor, nothing of it is detectable, or there is no such
+            policy.
     """
     tell = report or (lambda what, share: None)
+    check_policy(policy)
     check_size(part, field_of_view(sensor))
     tell("casting the dome", 0.0)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
@@ -69,7 +71,10 @@ def compile_tree(
     R_fine = camera_rotation(fine.directions)
     table = appearances(mesh, sensor, R_fine, parent, ROLLS)
     if len(table.attitude) == 0:
-        raise ItreeError(f"No region of {part.name!r} is larger than the sensor's smallest ({sensor.smallest_region} mm^2).")
+        raise ItreeError(
+            f"No region of {part.name!r} is larger than the sensor's smallest, "
+            f"{sensor.smallest_region} mm^2; lower it."
+        )
 
     kept = ~groups.pruned
     group_of_fine = groups.group_of_view[parent]

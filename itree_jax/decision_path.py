@@ -100,3 +100,15 @@ def side_mean(samples: Float[np.ndarray, "groups draws d"], members: np.ndarray)
 
 def _rounded(values: np.ndarray) -> list[float]:
     return [round(float(v), 4) for v in values]
+
+
+def verification_step(tree: InterpretationTree, evidence: float, rivals: list[float]) -> Step:
+    """The last word: the rendered pose's evidence against that of poses which explain the same place as well."""
+    count = len(tree.nodes.branch) + tree.groups.group_count
+    return Step(
+        node=count, rule="verification", measured={"evidence": round(evidence, 1)},
+        compared_with={"rivals": [round(r, 1) for r in rivals]},
+        margin=round(evidence - max(rivals), 3) if rivals else None,
+        freedom_before="unique" if not rivals else f"{1 + len(rivals)} poses that look the same here",
+        freedom_after="unique" if not rivals else "ambiguous",
+    )

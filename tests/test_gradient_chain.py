@@ -17,9 +17,9 @@ from itree_kernels.lit_scene import render_scene
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
-from itree_jax.refine.loss import LossWeights, loss_weights, refinement_loss
-from itree_jax.refine.observed import CameraArrays
-from itree_jax.refine.residuals import Deviations, Predicted, WindowObservations, depth_equations, needle_equations
+from itree_jax.refinement.loss import LossWeights, loss_weights, refinement_loss
+from itree_jax.refinement.observed import CameraArrays
+from itree_jax.refinement.residuals import Deviations, Predicted, WindowObservations, depth_equations, needle_equations
 from itree_jax.sensing.photometric import photometric_stereo
 from itree_jax.sensor import Noise
 

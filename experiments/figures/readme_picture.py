@@ -1,4 +1,4 @@
-"""The README's picture: the demo's bin, its needle map, and the poses found.  python experiments/figures/readme_picture.py"""
+"""The README's picture: the demo's bin, its needle map, and the poses found."""
 
 import argparse
 from dataclasses import dataclass
@@ -9,7 +9,8 @@ import numpy as np
 from itree_cad.bundled import bundled_part
 
 from itree_jax.compile import compile_tree
-from itree_jax.recognition import prepare, recognize
+from itree_jax.prepared import prepare
+from itree_jax.recognition import recognize
 from itree_jax.report.scene_figures import overlay_picture
 from itree_jax.report.scene_pictures import displayed, needle_colours, scaled
 from itree_jax.report.scene_view import scene_view

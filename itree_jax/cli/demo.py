@@ -46,7 +46,7 @@ class Demo:
 
             from itree_jax.cli.recognize import recognize_scene
             from itree_jax.compile import compile_tree
-            from itree_jax.recognize import prepare
+            from itree_jax.prepared import prepare
             from itree_jax.sensing.bundled import bundled_sensor
             from itree_jax.simulate import bundled_poses, demo_bin
 
@@ -86,8 +86,8 @@ def comparison(part: "Part", found: "Detections", truth: "Sequence[TrueObject]")
     import numpy as np
     from rich.table import Table
 
-    from itree_jax.evaluate import Pose, match, symmetry_set
-    from itree_jax.evaluate.pose_errors import pose_errors
+    from itree_jax.evaluation import Pose, match, symmetry_set
+    from itree_jax.evaluation.pose_errors import pose_errors
     from itree_jax.simulate.dataset import model_info
 
     poses = found.poses
@@ -103,7 +103,8 @@ def comparison(part: "Part", found: "Detections", truth: "Sequence[TrueObject]")
         row = (str(d.offer_rank + 1), f"{d.score:.2f}", " ".join(f"{x:.1f}" for x in d.t_cam_obj))
         j = int(instance[k])
         if j < 0:
-            table.add_row(*row, "wrong", f"{errors.mssd[k].min():.1f}", "", "")
+            verdict = "ambiguous" if len(d.equivalents or ()) else "wrong"  # the paper's part has no symmetries
+            table.add_row(*row, verdict, f"{errors.mssd[k].min():.1f}", "", "")
         else:
             off = (errors.mssd[k, j], np.degrees(errors.rotation[k, j]), errors.translation[k, j])
             table.add_row(*row, f"part {j}", *(f"{value:.2f}" for value in off))

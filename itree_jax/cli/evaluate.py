@@ -27,7 +27,7 @@ class Evaluate:
         """Raises ItreeError naming the file, row and column of what is wrong."""
         from rich.table import Table
 
-        from itree_jax.evaluate import evaluate
+        from itree_jax.evaluation import evaluate
 
         report = evaluate(self.dataset, self.results)
         if self.json:

@@ -16,7 +16,7 @@ from itree_jax.cli.terminal import output, progress
 
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
-    from itree_jax.recognize import Prepared
+    from itree_jax.prepared import Prepared
     from itree_jax.report import IndexEntry
     from itree_jax.sensing.scene_folder import Scene
     from itree_jax.sensor import Sensor
@@ -51,7 +51,7 @@ class Recognize:
         with progress(self.quiet) as tell, _report_folder(self.report) as pages:
             tell("loading", 0.0)
             start_jax()
-            from itree_jax.recognize import prepare
+            from itree_jax.prepared import prepare
             from itree_jax.results import write_bop_csv, write_json
             from itree_jax.sensing.scene_folder import scene_folders
             from itree_jax.tree.tree_file import load_tree
@@ -121,7 +121,7 @@ def trees_for_more_lights(folder: Path, prepared: "Sequence[Prepared]", quiet: b
     only moved are refused instead (`check_sensor`): that is more likely a mistake in the calibration.
     """
     from itree_jax.compile import compile_tree
-    from itree_jax.recognize import prepare
+    from itree_jax.prepared import prepare
     from itree_jax.sensing.scene_folder import load_scene
 
     made = []
@@ -132,8 +132,11 @@ def trees_for_more_lights(folder: Path, prepared: "Sequence[Prepared]", quiet: b
             continue
         old = known[0]
         if not quiet:
-            print(f"itree: scene {folder.name} has {sensor.light_count} lights, the tree of '{old.part.name}' was compiled "
-                  f"for {old.sensor.light_count}; compiling it for these", file=sys.stderr)
+            print(
+                f"itree: scene {folder.name} has {sensor.light_count} lights, the tree of '{old.part.name}' was compiled "
+                f"for {old.sensor.light_count}; compiling it for these",
+                file=sys.stderr,
+            )
         digits = len(old.groups.identifying_faces)
         made.append(prepare(compile_tree(
             old.part, sensor, obj_id=obj_id, policy=old.policy, dome_frequency=old.groups.frequency, label_faces=digits,
@@ -165,7 +168,7 @@ def fitting_trees(prepared: "Sequence[Prepared]", sensor: "Sensor") -> "list[Pre
 
 def recognize_scene(scene: "Scene", prepared: "Sequence[Prepared]") -> "Detections":
     """The answers for a scene, under the scene's numbers."""
-    from itree_jax.recognize import recognize_one
+    from itree_jax.recognition import recognize_one
 
     if scene.depth is None:
         raise ItreeError("there is no depth map (depth/) in the scene, and recognition needs one for now.")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from itree_jax.refine.schedule import schedule
+from itree_jax.refinement.schedule import schedule
 from itree_jax.report.pose_render import RenderedPose
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.regions import depth_noise

@@ -9,9 +9,9 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from itree_jax.detections import Detection
-from itree_jax.evaluate.matching import match
-from itree_jax.evaluate.pose_errors import Pose, mssd
-from itree_jax.evaluate.symmetry import SymmetrySet, symmetry_set
+from itree_jax.evaluation.matching import match
+from itree_jax.evaluation.pose_errors import Pose, mssd
+from itree_jax.evaluation.symmetry import SymmetrySet, symmetry_set
 from itree_jax.tree.tree import InterpretationTree
 
 RIGHT = 0.10  # of the diameter: a pose nearer than this (MSSD) to a true one is right

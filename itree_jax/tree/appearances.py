@@ -97,7 +97,8 @@ def appearances(
 ) -> Appearances:
     """Casts every view at every roll and measures its regions.
 
-    `view` names the dome cell that each of the (finer) views belongs to. Regions under the sensor's smallest are left out.
+    `view` names the dome cell that each of the (finer) views belongs to. Regions under the sensor's smallest are left
+    out.
     """
     reach = mesh_reach(mesh)
     camera, pitch = window_camera(reach)
@@ -121,12 +122,12 @@ def appearances(
         R_cam_obj=R_all.astype(np.float32),
         view=np.repeat(view, rolls).astype(np.int32),
         attitude=np.array(attitude, np.int32),
-        area=features.area,
-        mean_normal=features.mean_normal,
-        mass_centre=features.mass_centre,
-        egi=features.egi,
+        area=np.asarray(features.area),
+        mean_normal=np.asarray(features.mean_normal),
+        mass_centre=np.asarray(features.mass_centre),
+        egi=np.asarray(features.egi),
         inertia=inertia_table(features),
-        outline=features.outline,
+        outline=np.asarray(features.outline),
         centroid_obj=np.array(centroids, np.float32).reshape(-1, 3),
     )
 

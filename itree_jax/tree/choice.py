@@ -44,58 +44,60 @@ def side_margin(
     return np.logaddexp.reduce(weighted[:, visible], axis=1) - np.logaddexp.reduce(weighted[:, hidden], axis=1)
 
 
-def wilson_interval(errors: float, count: int, z: float = 1.96) -> tuple[float, float]:
+def wilson_interval(errors: float, count: float, z: float = 1.96) -> tuple[float, float]:
     """95 % interval of a share (Wilson 1927)."""
     if count == 0:
         return 0.0, 1.0
     p = errors / count
-    centre = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * np.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+    spread = z * z / count
+    centre = (p + spread / 2) / (1 + spread)
+    half = np.sqrt(spread * p * (1 - p) + spread**2 / 4) / (1 + spread)
+    low = centre - half if errors > 0 else 0.0  # the ends exactly: the formula leaves a rounding error there
+    high = centre + half if errors < count else 1.0
+    return max(0.0, float(low)), min(1.0, float(high))
+
+
+def check_policy(policy: str) -> None:
+    """Raises ItreeError when the policy is not one of `POLICIES`."""
+    if policy not in POLICIES:
+        raise ItreeError(f"There is no policy {policy!r}; use one of {', '.join(POLICIES)}.")
 
 
 def choose_rules(
     branches: Branches, measured: Distributions, test: Draws, prior: Float[np.ndarray, "groups"],
     kept: Bool[np.ndarray, "groups"], policy: str,
 ) -> Nodes:
-    """The rule of every branch. `prior`: share of views per group; `kept`: groups that aren't pruned.
+    """The rule of every branch, by the error rates on other draws than those of `measured`.
 
-    Raises ItreeError when the policy is not one of `POLICIES`.
+    `prior`: share of views per group; `kept`: groups that aren't pruned. Raises ItreeError on an unknown policy.
     """
-    if policy not in POLICIES:
-        raise ItreeError(f"There is no policy {policy!r}; use one of {', '.join(POLICIES)}.")
-    table = np.asarray(log_likelihoods(quantities(test.features), measured.samples, measured.bandwidth))
-    rules, errors, intervals, all_errors, counts = [], [], [], [], []
-    for k in range(branches.branch_count):
+    check_policy(policy)
+    likelihood = np.asarray(log_likelihoods(quantities(test.features), measured.samples, measured.bandwidth))
+    count, rules = branches.branch_count, len(RULE_NAMES)
+    names, error, interval = [PRUNED] * count, np.zeros(count, np.float32), np.zeros((count, 2), np.float32)
+    rates, draws = np.full((count, rules), np.nan, np.float32), np.zeros(count, np.int32)
+    for k in np.flatnonzero(~branches.pruned):
         visible, hidden = branches.visible[k] & kept, branches.hidden[k] & kept
-        if branches.pruned[k]:
-            rules.append(PRUNED)
-            errors.append(0.0)
-            intervals.append((0.0, 0.0))
-            all_errors.append(np.full(len(CLASSIFICATION_RULES), np.nan))
-            counts.append(0)
-            continue
-        here = np.flatnonzero((visible | hidden)[test.group])
-        wrong = np.stack([
-            (side_margin(t[here], prior, visible, hidden) > 0) != visible[test.group[here]] for t in table
-        ])
+        here = (visible | hidden)[test.group]
         weight = view_weights(test.group[here], prior)
-        rates = wrong @ weight
-        chosen = _choose(rates, policy)
-        rules.append(CLASSIFICATION_RULES[chosen].name)
-        errors.append(float(rates[chosen]))
-        intervals.append(wilson_interval(rates[chosen] * len(here), len(here)))
-        all_errors.append(rates)
-        counts.append(len(here))
-    count = branches.branch_count
+        rates[k] = side_errors(likelihood[:, here], prior, visible, hidden, test.group[here]) @ weight
+        chosen = choose_rule(rates[k], policy)
+        names[k], error[k], draws[k] = RULE_NAMES[chosen], rates[k, chosen], here.sum()
+        independent = 1.0 / np.sum(weight**2)  # draws of equal weight that would say as much
+        interval[k] = wilson_interval(error[k] * independent, independent)
     return Nodes(
         branch=branches.names, tested=branches.tested, parent=branches.parent, on_visible_side=branches.on_visible_side,
-        visible=branches.visible, hidden=branches.hidden, rule=tuple(rules),
-        error=np.array(errors, np.float32).reshape(count),
-        error_interval=np.array(intervals, np.float32).reshape(count, 2),
-        rule_errors=np.array(all_errors, np.float32).reshape(count, len(CLASSIFICATION_RULES)),
-        draws=np.array(counts, np.int32).reshape(count),
+        visible=branches.visible, hidden=branches.hidden, rule=tuple(names), error=error, error_interval=interval,
+        rule_errors=rates, draws=draws,
     )
+
+
+def side_errors(
+    log_likelihood: Float[np.ndarray, "rules draws groups"], prior: Float[np.ndarray, "groups"],
+    visible: Bool[np.ndarray, "groups"], hidden: Bool[np.ndarray, "groups"], group: Int[np.ndarray, "draws"],
+) -> Bool[np.ndarray, "rules draws"]:
+    """Which draws each rule puts on the wrong side."""
+    return np.stack([(side_margin(each, prior, visible, hidden) > 0) != visible[group] for each in log_likelihood])
 
 
 def view_weights(group: Int[np.ndarray, "draws"], prior: Float[np.ndarray, "groups"]) -> Float[np.ndarray, "draws"]:
@@ -105,7 +107,8 @@ def view_weights(group: Int[np.ndarray, "draws"], prior: Float[np.ndarray, "grou
     return weight / weight.sum()
 
 
-def _choose(rates: Float[np.ndarray, "rules"], policy: str) -> int:
+def choose_rule(rates: Float[np.ndarray, "rules"], policy: str) -> int:
+    """Index of the rule that a policy takes by the error rates."""
     if policy == "paper":
         under = np.flatnonzero(rates < ERROR_BOUND)
         return int(under[0]) if len(under) else int(np.argmin(rates))

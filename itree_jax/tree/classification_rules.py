@@ -58,7 +58,8 @@ def egi_quantity(features: RegionFeatures) -> Float[Array, "regions 4"]:
 CLASSIFICATION_RULES = (
     ClassificationRule("L1", "original face inertia", 1.0, ("log I_max / 4", "log I_min / 4"), inertia_quantity),
     ClassificationRule(
-        "L2", "original face shape", 2.0, ("log d", *(f"d_{k}" for k in range(1, OUTLINE_HARMONICS + 1))), shape_quantity
+        "L2", "original face shape", 2.0,
+        ("log d", *(f"d_{k}" for k in range(1, OUTLINE_HARMONICS + 1))), shape_quantity,
     ),
     ClassificationRule(
         "L3", "extended Gaussian image", 3.0, ("spread", "scatter 1", "scatter 2", "log mass / 2"), egi_quantity
@@ -102,7 +103,7 @@ def log_likelihoods(
     """`group_log_likelihood` of every rule, a few regions at a time, which bounds its memory."""
 
     def one(quantity):
-        likelihood = [group_log_likelihood(q[None], s, h)[0] for q, s, h in zip(quantity, samples, bandwidth, strict=True)]
-        return jnp.stack(likelihood)
+        each = zip(quantity, samples, bandwidth, strict=True)
+        return jnp.stack([group_log_likelihood(q[None], s, h)[0] for q, s, h in each])
 
     return jnp.moveaxis(jax.lax.map(one, measured, batch_size=REGIONS_AT_ONCE), 0, 1)

@@ -27,7 +27,8 @@ from itree_jax.tree.tree import Determination
 ROW_BATCH = 256  # appearance rows are padded to a multiple, so that few shapes are compiled
 REACH = float(np.radians(20.0))  # refinement converges from here: an attitude within it is determined
 LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
-FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03)  # no scale is trusted below what other parts' shadows change
+# No scale is trusted below what other parts' shadows change.
+FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03)
 OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
 SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
 DRAWS_AT_ONCE = 64
@@ -53,26 +54,29 @@ def appearance_arrays(table: Appearances, group_of_view: Int[np.ndarray, "views"
 
 
 def attitude_error(
-    R: Float[Array, "*n 3 3"], S: Float[Array, "3 3"], turns: Float[Array, "k 3 3"], axis: Float[Array, "3"]
+    R: Float[Array, "*n 3 3"], S: Float[Array, "3 3"], turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"]
 ) -> Float[Array, "*n"]:
-    """Least angle [rad] between attitudes over the part's symmetries; `axis` is 0 unless the part is one of revolution."""
+    """Least angle [rad] between attitudes over the part's symmetries, as `symmetry_arrays` gives them."""
     same = jnp.einsum("ab,kbc->kac", S, turns)
-    trace = jnp.einsum("...ab,kab->...k", R, same)
-    turn = jnp.arccos(jnp.clip((trace - 1.0) / 2.0, -1.0, 1.0))
-    tip = jnp.arccos(jnp.clip(jnp.einsum("...a,ka->...k", R @ axis, same @ axis), -1.0, 1.0))
-    return jnp.min(jnp.where(jnp.sum(axis**2) > 0, tip, turn), axis=-1)
+    if len(axes) > 1:  # a sphere
+        return jnp.zeros(R.shape[:-2])
+    if len(axes) == 1:
+        cosine = jnp.einsum("...a,ka->...k", R @ axes[0], same @ axes[0])
+    else:
+        cosine = (jnp.einsum("...ab,kab->...k", R, same) - 1.0) / 2.0
+    return jnp.min(jnp.arccos(jnp.clip(cosine, -1.0, 1.0)), axis=-1)
 
 
-def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Float[Array, "3"]]:
-    """Discrete turns (identity first) and the axis of revolution (0 if none)."""
-    axis = np.asarray(symmetries.continuous[0][0], np.float32) if symmetries.continuous else np.zeros(3, np.float32)
-    return jnp.asarray(np.asarray(symmetries.discrete)[:, :3, :3], jnp.float32), jnp.asarray(axis)
+def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Float[Array, "m 3"]]:
+    """Discrete turns (identity first), and the axes of revolution: none, one, or more of a sphere."""
+    axes = np.array([axis for axis, _ in symmetries.continuous], np.float32).reshape(-1, 3)
+    return jnp.asarray(np.asarray(symmetries.discrete)[:, :3, :3], jnp.float32), jnp.asarray(axes)
 
 
 @partial(jax.jit, static_argnames=("roll_step",))
 def scale_samples(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
-    turns: Float[Array, "k 3 3"], axis: Float[Array, "3"], roll_step: float,
+    turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,
 ) -> Float[Array, "draws 5"]:
     """What the appearance nearest to the truth leaves: tilt, direction (NaN where there is none), outline, size, EGI
     share elsewhere."""
@@ -85,7 +89,7 @@ def scale_samples(
         distance = jnp.take_along_axis(distance, at[:, None], axis=1)[:, 0]
         same = (rows.area > 0) & (jnp.cos(seen.tilt) > SAME_REGION)
         # of an attitude's regions with one mean normal, the one of the same shape
-        away = attitude_error(rows.R_cam_obj, R, turns, axis) + 0.1 * jnp.minimum(distance, 1.0)
+        away = attitude_error(rows.R_cam_obj, R, turns, axes) + 0.1 * jnp.minimum(distance, 1.0)
         k = jnp.argmin(jnp.where(same, away, jnp.inf))
         # any appearance within reach would do: the one that fits best
         within = same & (away < away[k] + REACH)
@@ -100,7 +104,7 @@ def scale_samples(
 @partial(jax.jit, static_argnames=("roll_step",))
 def rule_errors(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
-    scales: DeterminationScales, turns: Float[Array, "k 3 3"], axis: Float[Array, "3"], roll_step: float,
+    scales: DeterminationScales, turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,
 ) -> Float[Array, "draws 4"]:
     """Attitude error [rad] left within the true group by A1 (the best turn about the mean normal given), A2, A4 (better
     of its two) and A5 (the one that it picks)."""
@@ -110,9 +114,9 @@ def rule_errors(
         f, R, g = item
         prior = jnp.where(jnp.arange(rows.group.shape[0]) == g, 0.0, -jnp.inf)
         by_shape = shape_candidates(f, rows, prior, scales, 1, roll_step).R_ray_obj[0]
-        error = attitude_error(about_normal(f.mean_normal, angle) @ by_shape, R, turns, axis)
+        error = attitude_error(about_normal(f.mean_normal, angle) @ by_shape, R, turns, axes)
         by_egi = egi_candidates(f, rows, prior, scales, 1).R_ray_obj[0]
-        a2 = attitude_error(by_egi, R, turns, axis)
+        a2 = attitude_error(by_egi, R, turns, axes)
         return jnp.stack([jnp.min(error), a2, jnp.minimum(error[0], error[TURNS // 2]), error[0]])
 
     return jax.lax.map(one, (features, R_true, group), batch_size=4)
@@ -145,7 +149,8 @@ def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
     for first in range(0, count, DRAWS_AT_ONCE):
         index = np.minimum(np.arange(first, first + DRAWS_AT_ONCE), count - 1)
         features = jax.tree.map(lambda a, index=index: jnp.asarray(a[index]), draws.features)
-        part = function(features, jnp.asarray(draws.R_cam_obj[index], jnp.float32), jnp.asarray(draws.group[index]), *rest)
+        R_cam_obj = jnp.asarray(draws.R_cam_obj[index], jnp.float32)
+        part = function(features, R_cam_obj, jnp.asarray(draws.group[index]), *rest)
         out.append(np.asarray(part)[: min(DRAWS_AT_ONCE, count - first)])
     return np.concatenate(out)
 
@@ -157,12 +162,12 @@ def measure_determination(
     """Scales from one set of draws, error rates from another."""
     train, test = first_of_each_group(train, SCALE_DRAWS), first_of_each_group(test, ERROR_DRAWS)
     rows = appearance_arrays(table, group_of_view)
-    turns, axis = symmetry_arrays(symmetries)
+    turns, axes = symmetry_arrays(symmetries)
     roll_step = 2.0 * np.pi / rolls
-    samples = in_batches(partial(scale_samples, roll_step=roll_step), train, rows, turns, axis)
+    samples = in_batches(partial(scale_samples, roll_step=roll_step), train, rows, turns, axes)
     scales = np.array([*scales_of(samples), LEAST_UNIQUENESS], np.float32)
     measured = DeterminationScales(*map(jnp.float32, scales))
-    errors = in_batches(partial(rule_errors, roll_step=roll_step), test, rows, measured, turns, axis)
+    errors = in_batches(partial(rule_errors, roll_step=roll_step), test, rows, measured, turns, axes)
     rate = np.full((group_count, len(RULES)), np.nan, np.float32)
     interval = np.full((group_count, len(RULES), 2), np.nan, np.float32)
     for g in range(group_count):

@@ -67,8 +67,9 @@ def compare_shape(features: RegionFeatures, rows: AppearanceArrays) -> ShapeComp
     n_theta = rows.outline.shape[-1]
     p, q = gradient_space(features.mean_normal)
     e1, e2 = face_axes(p, q)
-    toward = jax.vmap(direction_after_turn, in_axes=(0, 0, None))(rows.mean_normal, rows.inertia[:, 2], features.mean_normal)
-    lag = features.inertia.alpha - jnp.arctan2(toward @ e2, toward @ e1)  # from the appearance's direction to the region's
+    after_turn = jax.vmap(direction_after_turn, in_axes=(0, 0, None))
+    toward = after_turn(rows.mean_normal, rows.inertia[:, 2], features.mean_normal)
+    lag = features.inertia.alpha - jnp.arctan2(toward @ e2, toward @ e1)  # appearance's direction to region's
     step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
     half = jnp.pi / 2.0
     cosine = jnp.clip(rows.mean_normal @ features.mean_normal, -1.0, 1.0)
@@ -112,7 +113,7 @@ def egi_elsewhere(egi: Float[Array, "cells"], table: Float[Array, "rows cells"])
 def egi_penalty(
     features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
 ) -> tuple[Float[Array, "rows"], Float[Array, "rows"]]:
-    """A2's penalties of mass that an appearance doesn't have at all, and of mass that it hasn't where the region has it."""
+    """A2's penalties of mass beyond all that an appearance has, and of mass that it hasn't where the region has it."""
     elsewhere = egi_elsewhere(features.egi, rows.egi)
     excess = jnp.log(jnp.maximum(features.area, 1.0)) - jnp.log(jnp.maximum(rows.area, 1.0))
     return 0.5 * (jnp.maximum(excess, 0.0) / (2.0 * scales.size)) ** 2, 0.5 * (elsewhere / scales.egi) ** 2
@@ -160,7 +161,8 @@ def egi_candidates(
     """A2: the best `most` attitudes by extended Gaussian image, each turned the short way so that A1 agrees."""
     excess, elsewhere = egi_penalty(features, rows, scales)
     missing = 1.0 - (1.0 - egi_elsewhere(features.egi, rows.egi)) * jnp.sum(features.egi) / jnp.maximum(rows.area, 1.0)
-    score = group_log_prior[rows.group] - excess - elsewhere - 0.5 * missing**2  # a whole region is likelier than a part
+    # a whole region is likelier than a part of one, but not by much
+    score = group_log_prior[rows.group] - excess - elsewhere - 0.5 * missing**2
     score = jnp.where(rows.area > 0, score, -jnp.inf)
     value, row = jax.lax.top_k(score, most)
     return Candidates(facing(rows, row, features.mean_normal), row, value)

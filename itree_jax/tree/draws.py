@@ -1,4 +1,4 @@
-"""Noisy draws: regions as the sensor would measure them, for error rates and distributions (design: rules are measured).
+"""Noisy draws: regions as the sensor would measure them, for distributions and error rates.
 
 A draw is an attitude rendered under every light, given the sensor's noise, read by photometric stereo and cut into
 regions again: what recognition will see of an unoccluded part.
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 from itree_kernels.apparent import cast_apparent_shapes
+from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh
 from itree_kernels.noise import sensor_noise
 from jaxtyping import Bool, Float, Int
@@ -52,7 +53,10 @@ def noisy_draws(
     mesh: RayMesh, sensor: Sensor, R_cam_obj: Float[np.ndarray, "draws 3 3"], group: Int[np.ndarray, "draws"],
     rng: np.random.Generator,
 ) -> Draws:
-    """Renders, adds noise, solves and measures the largest region of every draw."""
+    """Renders, adds noise, solves and measures the largest region of every draw.
+
+    Raises ItreeError when none shows a region: the sensor's noise hides the part.
+    """
     camera, pitch = window_camera(mesh_reach(mesh))
     least = sensor.smallest_region / pitch**2
     masks, normals, kept = [], [], []
@@ -71,6 +75,11 @@ def noisy_draws(
                 kept.append(first + k)
                 masks.append(regions[0])
                 normals.append(np.where(regions[0][..., None], needles[k], 0.0))
+    if not kept:
+        raise ItreeError(
+            f"Under the sensor's noise ({sensor.noise}) none of {len(R_cam_obj)} views of the part shows a region. "
+            "Check the noise of the sensor, or lower its smallest region."
+        )
     index = np.array(kept, int)
     return Draws(measured(masks, normals, pitch), group[index], R_cam_obj[index], len(R_cam_obj) - len(index))
 

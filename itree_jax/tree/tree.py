@@ -1,6 +1,7 @@
 """The interpretation tree: parallel arrays that recognition runs on, with the reason for every choice.
 
-("Interpretation tree" as in Ikeuchi 1987. Grimson and Lozano-Perez use the words for a search over pairings of features.)
+("Interpretation tree" as in Ikeuchi 1987. Grimson and Lozano-Perez use the words for a search over pairings of
+features.)
 """
 
 from dataclasses import dataclass
@@ -46,7 +47,7 @@ class Distributions:
 
 @dataclass(frozen=True)
 class Determination:
-    """Determination steps of each group, with measured errors (share of draws left more than the limit from the truth)."""
+    """Determination steps of each group, with measured errors: the share of draws left out of refinement's reach."""
 
     rules: tuple[str, ...]  # columns of `error`: "A1", "A2", "A4", "A5"
     error: Float[np.ndarray, "groups rules"]  # NaN where not measured

@@ -44,7 +44,7 @@ def answers(monkeypatch):
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0]))
         return Detections((one,), time=2.0, labels=np.zeros((480, 640), np.int32))
 
-    monkeypatch.setattr(import_module("itree_jax.recognize"), "recognize_one", recognize_one)
+    monkeypatch.setattr(import_module("itree_jax.recognition"), "recognize_one", recognize_one)
     return seen
 
 

@@ -10,7 +10,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 
 from itree_jax.detections import Detection, Detections
-from itree_jax.evaluate import evaluate
+from itree_jax.evaluation import evaluate
 from itree_jax.results import write_bop_csv
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.scene_folder import load_scene

@@ -1,0 +1,128 @@
+"""From accepted hypotheses to answers: poses with their deviations, equivalents, counts and decision paths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from itree_jax.decision_path import decision_path, verification_step
+from itree_jax.detections import Detection
+from itree_jax.features.region import RegionFeatures
+from itree_jax.prepared import Prepared
+from itree_jax.refinement.ambiguity import rivals
+from itree_jax.refinement.hypotheses import RegionHypotheses, evidence
+from itree_jax.refinement.optimise import NormalEquations
+from itree_jax.refinement.select import Judged, Selection
+from itree_jax.sensing.regions import Regions
+from itree_jax.tree.classify import Classification
+from itree_jax.tree.tree import InterpretationTree
+
+
+@dataclass(frozen=True)
+class Interpretation:
+    """What one tree makes of the regions of one image."""
+
+    prepared: Prepared
+    features: RegionFeatures
+    classification: Classification
+    hypotheses: RegionHypotheses  # refined; those that reached the last verification
+    equations: NormalEquations
+    judged: Judged
+    selection: Selection
+
+
+def describe(answers: Sequence[Interpretation], found: Regions) -> tuple[Detection, ...]:
+    """Accepted hypotheses of all trees as detections, the highest region offered first."""
+    detections = [
+        describe_one(answer, int(h), found) for answer in answers for h in answer.selection.accepted
+    ]
+    order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
+    rank = {k: position for position, k in enumerate(order)}
+    return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
+
+
+def describe_one(answer: Interpretation, h: int, found: Regions) -> Detection:
+    """One accepted hypothesis. Its score is shared with rivals that explain the same place as well."""
+    tree, verdict = answer.prepared.tree, answer.judged.verdict
+    region = int(answer.hypotheses.region[h])
+    R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
+    weight = evidence(verdict)
+    other, belief = rivals(
+        h, weight, np.asarray(verdict.agreeing), R_all, t_all, tree.symmetries, tree.part.diameter
+    )
+    R, t = nearest_rotation(R_all[h]), t_all[h]
+    std = twist_deviation(without_free_turns(np.asarray(answer.equations.hessian[h], float), tree, R))
+    pixels = answer.judged.stride**2  # image pixels that a window pixel stands for
+    path = decision_path(tree, answer.classification, region, int(answer.hypotheses.row[h]))
+    return Detection(
+        scene_id=0,
+        im_id=0,
+        obj_id=tree.obj_id,
+        score=float(answer.selection.score[h]) * belief,
+        R_cam_obj=R,
+        t_cam_obj=t,
+        decision_path=(*path, verification_step(tree, float(weight[h]), [float(weight[k]) for k in other])),
+        agreeing=int(verdict.agreeing[h]) * pixels,
+        contradicting=int(verdict.contradicting[h]) * pixels,
+        hidden=int(verdict.hidden[h]) * pixels,
+        height=float(found.height[region]),
+        rotation_std=std[:3],
+        translation_std=std[3:],
+        equivalents=(*equivalents(tree, R, t), *(pose_matrix(nearest_rotation(R_all[k]), t_all[k]) for k in other)),
+    )
+
+
+def equivalents(
+    tree: InterpretationTree, R_cam_obj: Float[np.ndarray, "3 3"], t_cam_obj: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "4 4"], ...]:
+    """The other poses that look the same, by the part's discrete symmetries."""
+    T_cam_obj = pose_matrix(R_cam_obj, t_cam_obj)
+    return tuple(T_cam_obj @ turn for turn in np.asarray(tree.symmetries.discrete)[1:])
+
+
+def pose_matrix(R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """Rotation and translation [mm] as one matrix."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    return T
+
+
+def without_free_turns(
+    hessian: Float[np.ndarray, "6 6"], tree: InterpretationTree, R_cam_obj: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "6 6"]:
+    """Takes turns about the part's axes of revolution out: nothing measures them.
+
+    (Linearised needles seem to, since they don't know that a curved surface slides under its pixel.)
+    """
+    for axis, point in tree.symmetries.continuous:
+        turn = R_cam_obj @ axis
+        twist = np.concatenate([turn, -np.cross(turn, R_cam_obj @ point)])
+        twist /= np.linalg.norm(twist)
+        keep = np.eye(6) - np.outer(twist, twist)
+        hessian = keep @ hessian @ keep
+    return hessian
+
+
+def twist_deviation(hessian: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6"]:
+    """Standard deviations of (omega [rad], v [mm]); infinite along directions nothing constrains."""
+    values, vectors = np.linalg.eigh(np.asarray(hessian, float))
+    free = values < 1e-9 * max(float(values.max()), 1e-12)
+    variance = np.where(free, np.inf, 1.0 / np.maximum(values, 1e-300))
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(np.nansum(np.where(vectors**2 > 1e-12, vectors**2 * variance, 0.0), axis=1))
+
+
+def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Takes the rounding of many float32 products out of a rotation."""
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
+
+
+def best_reason(answers: Sequence[Interpretation], region: int) -> str:
+    """Why no hypothesis of a region was accepted: that of its best one."""
+    reasons = [
+        (float(a.selection.score[h]), a.selection.reason[h])
+        for a in answers for h in np.flatnonzero(a.hypotheses.region == region)
+    ]
+    return max(reasons)[1] if reasons else "no hypothesis"

@@ -1,0 +1,263 @@
+"""The online story: images -> needle map -> regions -> interpretation tree -> poses (Ikeuchi 1987, sec. 3)."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+from itree_jax.answers import Interpretation, best_reason, describe
+from itree_jax.detections import Detections
+from itree_jax.features.region import RegionFeatures, measure_batch
+from itree_jax.features.window import Window, extract_windows
+from itree_jax.prepared import Prepared, prepare
+from itree_jax.refinement.hypotheses import (
+    RegionHypotheses,
+    agreement,
+    best_of_each_region,
+    joined,
+    place,
+    rough_share,
+    turned_about_axes,
+)
+from itree_jax.refinement.observed import ObservedMaps, observe
+from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
+from itree_jax.refinement.schedule import Round, Schedule, schedule
+from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
+from itree_jax.refinement.solids import share_space
+from itree_jax.refinement.verify import verify, visible_centres
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.photometric import needle_map
+from itree_jax.sensing.regions import Regions, depth_noise, regions
+from itree_jax.sensing.segments import segment_centres
+from itree_jax.sensor import Sensor
+from itree_jax.tree.appearances import WINDOW_SIZE
+from itree_jax.tree.classify import classify
+from itree_jax.tree.determine import determine
+from itree_jax.tree.tree import InterpretationTree
+
+BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
+PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
+REGION_BATCH = 16  # regions are padded to a multiple, so that few shapes are compiled
+
+
+def recognize(
+    trees: InterpretationTree | Prepared | Sequence[InterpretationTree | Prepared],
+    images: Float[np.ndarray, "*batch lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "*batch height width"] | None = None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Detections | list[Detections]:
+    """Poses of the parts in the images.
+
+    Args:
+        trees: one compiled tree or several; `prepare` them first when many calls follow.
+        images: linear intensities, 1.0 = full scale, one per light; a leading batch axis gives a list.
+        sensor: the camera and lights that took the images.
+        depth: z [mm] per pixel, 0 = none.
+        R_w2c: world (z up) to camera, for the order in which answers are offered: highest first.
+
+    Returns finished results (the call blocks until they are there).
+
+    Raises:
+        ItreeError: no depth map is given (recognition without one is not there yet), or shapes don't fit the sensor.
+    """
+    several = trees if isinstance(trees, Sequence) else [trees]
+    prepared = [p if isinstance(p, Prepared) else prepare(p) for p in several]
+    images = np.asarray(images, np.float32)
+    _check_shapes(images, depth, sensor)
+    if images.ndim == 4:
+        depths = [None] * len(images) if depth is None else depth
+        return [recognize_one(prepared, i, sensor, d, R_w2c) for i, d in zip(images, depths, strict=True)]
+    return recognize_one(prepared, images, sensor, depth, R_w2c)
+
+
+def recognize_one(
+    prepared: Sequence[Prepared],
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Detections:
+    """One image under each light -> its detections. See `recognize`."""
+    start = time.perf_counter()
+    if depth is None:
+        raise ItreeError("recognition needs a depth map for now: give depth= (z in mm per pixel, 0 = none)")
+    depth = np.asarray(depth, np.float32)
+    needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
+    found = regions(needle, depth, sensor, R_w2c)
+    noise = depth_noise(depth, depth > 0)
+    answers = [interpret(p, found, needle, depth, sensor, noise) for p in prepared] if found.count else []
+    answers = compete(answers, (sensor.camera.height, sensor.camera.width))
+    detections = describe(answers, found)
+    recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
+    unexplained = tuple(
+        {"region": r, "reason": best_reason(answers, r), "height_mm": float(found.height[r])}
+        for r in range(found.count) if r not in recognised
+    )
+    return Detections(detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained)
+
+
+def interpret(
+    prepared: Prepared, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor,
+    noise: float,
+) -> Interpretation:
+    """Regions -> groups -> attitudes -> refined and verified poses, all regions in one batch."""
+    tree = prepared.tree
+    features, R_ray_cam = region_features(found, needle, sensor, prepared.pitch)
+    classification = classify(features, prepared.classification)
+    candidates = determine(
+        features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
+    )
+    hypotheses = as_hypotheses(candidates, tree, found, R_ray_cam, sensor)
+    hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, found, depth, sensor))
+    plan = schedule(sensor, tree.part.diameter, noise, tree.spacing)
+    needles = np.asarray(needle.normals) * np.asarray(needle.interpretable)[..., None]
+    observed = observe(needles, needle_weight(needle), depth, plan.jump)
+    model = prepared.model
+    hypotheses, equations = narrow(hypotheses, model, observed, sensor, plan.rounds, plan)
+    judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    accepted = hypotheses.take(selection.accepted)
+    if len(accepted.region):
+        turned = near_poses(accepted, prepared, sensor, plan.turned[0].stage.size)
+        turned, more = narrow(turned, model, observed, sensor, plan.turned, plan)
+        turned = turned._replace(region=accepted.region[turned.region])
+        hypotheses = joined(hypotheses, turned)
+        equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
+        judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    return Interpretation(prepared, features, classification, hypotheses, equations, judged, selection)
+
+
+def near_poses(
+    accepted: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
+) -> RegionHypotheses:
+    """Each accepted pose under its near symmetries, moved so that it shows its surface where the pose did.
+
+    They explain the same place, and only one is right. `region` counts the accepted poses.
+    """
+    own = accepted._replace(region=np.arange(len(accepted.region)))
+    turned = turned_about_axes(own, prepared.turns)
+    there = visible_centres(own.poses, prepared.model, sensor.camera, size)
+    here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
+    t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
+    return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
+
+
+def judge(
+    hypotheses: RegionHypotheses, prepared: Prepared, observed: ObservedMaps, sensor: Sensor, plan: Schedule
+) -> tuple[Judged, Selection]:
+    """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
+    tolerances = plan.rounds[-1].tolerances
+    verdict, origin, stride = verify(
+        hypotheses.poses, prepared.model, observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+    )
+    least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
+    judged = Judged(verdict, origin, stride, least)
+    collide = collisions([(prepared, hypotheses)])
+    return judged, select_jointly([judged], (sensor.camera.height, sensor.camera.width), collide)[0]
+
+
+def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
+    """Whether two hypotheses, keyed by (part, index), share space."""
+    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
+
+    @cache
+    def collide(a: Key, b: Key) -> bool:
+        (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
+        return share_space(bodies[a[0]][0].solid, R_a[a[1]], t_a[a[1]], bodies[b[0]][0].solid, R_b[b[1]], t_b[b[1]])
+
+    return collide
+
+
+def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list[Interpretation]:
+    """Several parts looked for in one bin: a place goes to the part that explains it best."""
+    if len(answers) < 2:
+        return answers
+    collide = collisions([(a.prepared, a.hypotheses) for a in answers])
+    selections = select_jointly([a.judged for a in answers], image_shape, collide)
+    return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
+
+
+def region_features(
+    found: Regions, needle: NeedleMap, sensor: Sensor, pitch: float
+) -> tuple[RegionFeatures, Float[np.ndarray, "regions 3 3"]]:
+    """Work models of all regions (padded to a batch by repeating the first), and their viewing-ray frames."""
+    windows, R_ray_cam = extract_windows(
+        found.labels, np.asarray(needle.normals, np.float32), np.arange(found.count), found.centroid_uv,
+        found.mean_depth, sensor.camera, pitch, WINDOW_SIZE,
+    )
+    extra = -found.count % REGION_BATCH
+    padded = Window(*(np.concatenate([a, np.repeat(np.asarray(a)[:1], extra, axis=0)]) for a in windows))
+    return measure_batch(padded), R_ray_cam
+
+
+def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
+    """How far a needle is believed: interpretable, and of the albedo of the other parts' surfaces."""
+    return np.where(needle.interpretable, needle.confidence, 0.0).astype(np.float32)
+
+
+def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_cam, sensor: Sensor) -> RegionHypotheses:
+    """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
+    R_ray_obj, row, score = (np.asarray(c)[: found.count] for c in candidates)
+    # a part with few appearances leaves places in the list: they repeat the region's best
+    empty = ~np.isfinite(score)
+    best = np.argmax(score, axis=1)[:, None]
+    pick = np.where(empty, best, np.arange(score.shape[1])[None])
+    R_ray_obj = np.take_along_axis(R_ray_obj, pick[..., None, None], axis=1)
+    row = np.take_along_axis(row, pick, axis=1)
+    X_region = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+    R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam, X_region)
+    region = np.repeat(np.arange(found.count), row.shape[1])
+    poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
+    return RegionHypotheses(poses, region, row.reshape(-1), np.where(empty, -np.inf, score).reshape(-1))
+
+
+def placed_by_segment(
+    hypotheses: RegionHypotheses, prepared: Prepared, found: Regions, depth: Float[np.ndarray, "height width"],
+    sensor: Sensor,
+) -> RegionHypotheses:
+    """The same attitudes, placed by all of the surface that hangs together with the region in the depth map.
+
+    A region ends at shadows; the surface doesn't. So the mean of a whole part's surface places a pose well where a
+    region was cut, and badly where parts touch: both placements go on.
+    """
+    centre = segment_centres(found.labels, depth, sensor)
+    shown = visible_centres(hypotheses.poses, prepared.model, sensor.camera, PLACING_SIZE)
+    t_cam_obj = hypotheses.poses.t_cam_obj + centre[hypotheses.region] - shown
+    poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
+    return hypotheses._replace(poses=poses)
+
+
+def narrow(
+    hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, rounds: Sequence[Round],
+    plan: Schedule,
+) -> tuple[RegionHypotheses, NormalEquations]:
+    """Rounds of refining, verifying and keeping the best of every region."""
+    equations = None
+    for step in rounds:
+        poses, equations = refine(
+            hypotheses.poses, model, observed, sensor.camera, plan.deviations, [step.stage], plan.jump
+        )
+        hypotheses = hypotheses._replace(poses=poses)
+        edges = plan.jump if step.stage.contour else None
+        verdict, _, _ = verify(poses, model, observed, sensor.camera, step.tolerances, step.stage.size, edges)
+        score = agreement(verdict) if step.stage.contour else rough_share(verdict)
+        kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
+        hypotheses = hypotheses.take(kept)
+        equations = NormalEquations(*(e[kept] for e in equations))
+    assert equations is not None
+    return hypotheses, equations
+
+
+def _check_shapes(images: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:
+    expected = (sensor.light_count, sensor.camera.height, sensor.camera.width)
+    if images.ndim not in (3, 4) or images.shape[-3:] != expected:
+        raise ItreeError(
+            f"images have shape {images.shape}; the sensor's are [lights, height, width] = {list(expected)}, "
+            "with at most one leading batch axis"
+        )
+    if depth is not None and np.shape(depth) != (*images.shape[:-3], *expected[1:]):
+        raise ItreeError(f"the depth map has shape {np.shape(depth)}, the images {images.shape}")

@@ -1,0 +1,187 @@
+"""From candidate attitudes of regions to poses, and their pixelwise ranking."""
+
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+from itree_kernels.camera import Camera
+from jaxtyping import Float, Int
+
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.verify import Verdict
+
+FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
+MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with another
+SIMILAR_EXTENT = 1.4  # extents that differ by more tell a turned part at a glance
+NEARLY_SAME = 0.1  # of the diameter: two hypotheses whose rims differ by less are one
+
+
+class RegionHypotheses(NamedTuple):
+    """Poses with the region and appearance row they come from."""
+
+    poses: Hypotheses
+    region: Int[np.ndarray, "hypotheses"]
+    row: Int[np.ndarray, "hypotheses"]
+    log_likelihood: Float[np.ndarray, "hypotheses"]
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> "RegionHypotheses":
+        poses = Hypotheses(self.poses.R_cam_obj[index], self.poses.t_cam_obj[index])
+        return RegionHypotheses(poses, self.region[index], self.row[index], self.log_likelihood[index])
+
+
+def place(
+    R_ray_obj: Float[np.ndarray, "regions k 3 3"],
+    centroid_obj: Float[np.ndarray, "regions k 3"],
+    R_ray_cam: Float[np.ndarray, "regions 3 3"],
+    X_region: Float[np.ndarray, "regions 3"],
+) -> tuple[Float[np.ndarray, "regions k 3 3"], Float[np.ndarray, "regions k 3"]]:
+    """Poses that put the appearance's mean surface point on the region's [mm]."""
+    R_cam_obj = np.einsum("rca,rkcb->rkab", R_ray_cam, R_ray_obj)
+    t_cam_obj = X_region[:, None] - np.einsum("rkab,rkb->rka", R_cam_obj, centroid_obj)
+    return R_cam_obj, t_cam_obj
+
+
+def evidence(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Evidence for a pose in pixels: those that agree, by how closely, less those that contradict.
+
+    Hidden pixels say nothing either way. A contour outside of which the surface goes on contradicts like a band of
+    pixels along it.
+    """
+    return verdict.closeness - verdict.contradicting - verdict.contour_missed
+
+
+def agreement(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Share of what the pose should show that the scene shows, in 0..1: pixels times contour."""
+    return pixel_share(verdict) * contour_share(verdict)
+
+
+def pixel_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Agreeing less contradicting pixels, of those that are visible; a hidden pixel is half a doubt."""
+    visible = verdict.agreeing + verdict.contradicting
+    return (verdict.agreeing - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
+
+
+def rough_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """`pixel_share` by how closely pixels agree: ranks rough poses under wide tolerances, without contours."""
+    visible = verdict.agreeing + verdict.contradicting
+    return (verdict.closeness - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
+
+
+def contour_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Share of the visible contour outside of which the observed surface ends.
+
+    A region of N pixels has a contour of some 4 sqrt(N) points; an eighth of it counts as missed beforehand, so that a
+    pose with hardly any contour to show for itself is no good answer.
+    """
+    doubt = 0.5 * np.sqrt(np.maximum(verdict.agreeing, 1.0))
+    return verdict.contour_found / (verdict.contour_found + verdict.contour_missed + doubt)
+
+
+def best_of_each_region(
+    score: Float[np.ndarray, "hypotheses"], hypotheses: RegionHypotheses, most: int, diameter: float
+) -> Int[np.ndarray, "kept"]:
+    """Indices of the `most` best hypotheses of every region, leaving out those that repeat a better one."""
+    kept: list[int] = []
+    R, t = hypotheses.poses
+    for region in np.unique(hypotheses.region):
+        order = np.flatnonzero(hypotheses.region == region)
+        order = order[np.argsort(-score[order], kind="stable")]
+        apart = pose_distance(R[order][:, None], t[order][:, None], R[order][None], t[order][None], diameter)
+        repeats = apart < NEARLY_SAME * diameter
+        open_ = np.ones(len(order), bool)
+        chosen: list[int] = []
+        for k in range(len(order)):
+            if open_[k] and len(chosen) < most:
+                chosen.append(int(order[k]))
+                open_ &= ~repeats[k]
+        kept += chosen
+    return np.array(kept, int)
+
+
+def pose_distance(
+    R: Float[np.ndarray, "*n 3 3"], t: Float[np.ndarray, "*n 3"], S: Float[np.ndarray, "*m 3 3"],
+    s: Float[np.ndarray, "*m 3"], diameter: float,
+) -> Float[np.ndarray, "*k"]:
+    """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
+    cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
+    return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
+
+
+def region_point(
+    centroid_uv: Float[np.ndarray, "regions 2"], mean_depth: Float[np.ndarray, "regions"], camera: Camera
+) -> Float[np.ndarray, "regions 3"]:
+    """The mean surface point of each region in the camera frame [mm]."""
+    return camera.unproject(centroid_uv, mean_depth)
+
+
+def near_symmetries(
+    vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
+) -> Float[np.ndarray, "turns 4 4"]:
+    """Turns of a cube about the part's main axes that nearly keep its extent, model -> model [mm], identity left out.
+
+    Machine parts nearly repeat themselves under these. A pose that is wrong by one of them explains most of what it
+    shows and is a minimum of its own, which no refinement leaves: the small feature that tells them apart has to be
+    asked for. Half turns about the axes keep every extent; an oblong part has no others.
+    """
+    axes = main_axes(vertices.astype(float), triangles)
+    along = vertices @ axes
+    extent = along.max(axis=0) - along.min(axis=0)
+    centre = axes @ ((along.min(axis=0) + along.max(axis=0)) / 2.0)
+    turns = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            P = np.zeros((3, 3))
+            P[range(3), order] = signs
+            ratio = extent[list(order)] / extent
+            differs = np.abs(np.log(ratio)).max() > np.log(SIMILAR_EXTENT)
+            if np.linalg.det(P) < 0 or np.allclose(P, np.eye(3)) or differs:
+                continue
+            T = np.eye(4)
+            T[:3, :3] = axes @ P @ axes.T
+            T[:3, 3] = centre - T[:3, :3] @ centre
+            turns.append(T)
+    return np.array(turns)
+
+
+def main_axes(
+    vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Columns: an orthogonal frame of the directions that most surface faces, either way; where no direction has a
+    tenth of the surface, the principal axes of the surface.
+    """
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1) / 2.0
+    normal = cross / np.maximum(2.0 * area, 1e-12)[:, None]
+    facing = np.abs(normal @ normal.T) > FACING if len(normal) <= MOST_NORMALS else None
+    if facing is not None:
+        first = int(np.argmax(facing @ area))
+        across = np.abs(normal @ normal[first]) < np.sqrt(1.0 - FACING**2)
+        if (facing @ area)[first] > 0.1 * area.sum() and across.any():
+            second = np.flatnonzero(across)[int(np.argmax((facing @ area)[across]))]
+            x = normal[first]
+            y = normal[second] - (normal[second] @ x) * x
+            y /= np.linalg.norm(y)
+            return np.stack([x, y, np.cross(x, y)], axis=-1)
+    middle = (a + b + c) / 3.0
+    centre = area @ middle / area.sum()
+    moments = [np.einsum("t,ti,tj->ij", area, p - centre, p - centre) for p in (a, b, c)]
+    third = np.einsum("t,ti,tj->ij", 9.0 * area, middle - centre, middle - centre)
+    return np.linalg.eigh((sum(moments) + third) / 12.0)[1]
+
+
+def turned_about_axes(hypotheses: RegionHypotheses, turns: Float[np.ndarray, "turns 4 4"]) -> RegionHypotheses:
+    """Every hypothesis under every near symmetry: `T_cam_obj @ turn`."""
+    R, t = hypotheses.poses
+    R_turned = np.einsum("hab,kbc->hkac", R, turns[:, :3, :3])
+    t_turned = np.einsum("hab,kb->hka", R, turns[:, :3, 3]) + t[:, None]
+    poses = Hypotheses(R_turned.reshape(-1, 3, 3).astype(np.float32), t_turned.reshape(-1, 3).astype(np.float32))
+    rest = (np.repeat(values, len(turns), axis=0) for values in hypotheses[1:])
+    return RegionHypotheses(poses, *rest)
+
+
+def joined(first: RegionHypotheses, second: RegionHypotheses) -> RegionHypotheses:
+    """Both lists, one after the other."""
+    poses = Hypotheses(*(np.concatenate(pair) for pair in zip(first.poses, second.poses, strict=True)))
+    rest = (np.concatenate(pair) for pair in zip(first[1:], second[1:], strict=True))
+    return RegionHypotheses(poses, *rest)

@@ -1,0 +1,182 @@
+"""Gauss-Newton on SE(3) for a batch of hypotheses: rays on the kernels, normal equations in one compiled step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from itree_kernels.camera import Camera
+from itree_kernels.correspond import Correspondences, correspondences
+from itree_kernels.mesh import RayMesh
+from jaxtyping import Float
+
+from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
+from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
+from itree_jax.sensing.needle import Array
+
+DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
+SMALLEST_BATCH = 16
+
+
+class Hypotheses(NamedTuple):
+    """A batch of poses. `R_cam_obj` and `t_cam_obj` [mm] take model points to the camera frame."""
+
+    R_cam_obj: Float[np.ndarray, "hypotheses 3 3"]
+    t_cam_obj: Float[np.ndarray, "hypotheses 3"]
+
+
+@dataclass(frozen=True)
+class RefineModel:
+    """What refinement needs of one part."""
+
+    mesh: RayMesh
+    normal_obj: Float[Array, "triangles 3"]
+    reach: float  # largest distance of a point from the part's origin [mm]
+    diameter: float  # [mm]
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Some steps at one resolution. Gates are in [mm], [rad], [px] at the first and the last step."""
+
+    steps: int
+    size: int  # window pixels per side
+    depth_gate: tuple[float, float]
+    needle_gate: tuple[float, float]
+    contour_gate: tuple[float, float]
+    contour: bool = True  # False: no contours are looked for, which halves the time of a rough stage
+
+
+def batch_size(count: int) -> int:
+    """The next of few sizes (16, 32, 64, 128, then steps of 128), so that few shapes are compiled."""
+    if count <= 128:
+        return max(SMALLEST_BATCH, 1 << (count - 1).bit_length())
+    return -(-count // 128) * 128
+
+
+def padded(hypotheses: Hypotheses) -> Hypotheses:
+    """Repeats the last pose up to a batch size."""
+    extra = batch_size(len(hypotheses.t_cam_obj)) - len(hypotheses.t_cam_obj)
+    return Hypotheses(*(np.concatenate([a, np.repeat(a[-1:], extra, axis=0)]).astype(np.float32) for a in hypotheses))
+
+
+def window_stride(camera: Camera, reach: float, depth: float, size: int) -> int:
+    """Whole pixels between window pixels, so that the part fits whatever its attitude."""
+    return max(1, int(np.ceil(2.1 * reach / camera.mm_per_px(depth) / size)))
+
+
+def window_origins(
+    camera: Camera, t_cam_obj: Float[np.ndarray, "hypotheses 3"], size: int, stride: int
+) -> Float[np.ndarray, "hypotheses 2"]:
+    """Whole image points of window pixel (0, 0), the part's origin in the middle."""
+    return np.round(camera.project(t_cam_obj) - 0.5 * stride * (size - 1))
+
+
+def so3_exp(omega: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rodrigues' formula, smooth at 0."""
+    squared = jnp.sum(omega**2)
+    small = squared < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
+    a = jnp.where(small, 1.0 - squared / 6.0, jnp.sin(angle) / angle)
+    b = jnp.where(small, 0.5 - squared / 24.0, (1.0 - jnp.cos(angle)) / (angle * angle))
+    x, y, z = omega
+    zero = jnp.zeros_like(x)
+    K = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
+    return jnp.eye(3, dtype=omega.dtype) + a * K + b * (K @ K)
+
+
+def move(
+    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], twist: Float[Array, "6"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """Applies a twist (omega, v) in the camera frame about the part's origin."""
+    return so3_exp(twist[:3]) @ R_cam_obj, t_cam_obj + twist[3:]
+
+
+def newton_twist(equations: NormalEquations, reach: Float[Array, ""]) -> Float[Array, "6"]:
+    """Solves for the twist in units in which a turn and a shift move the part's rim alike."""
+    scale = jnp.concatenate([jnp.full(3, 1.0 / reach), jnp.ones(3)])
+    H = equations.hessian * scale[:, None] * scale[None, :]
+    g = equations.gradient * scale
+    damping = DAMPING * jnp.trace(H) / 6.0 + 1e-12
+    twist = -scale * jnp.linalg.solve(H + damping * jnp.eye(6), g)
+    # a step of more than 20 degrees or a third of the part has left the region where correspondences mean anything
+    turn = jnp.linalg.norm(twist[:3])
+    shift = jnp.linalg.norm(twist[3:])
+    shrink = jnp.minimum(1.0, jnp.minimum(0.35 / (turn + 1e-9), 0.33 * reach / (shift + 1e-9)))
+    return jnp.where(jnp.isfinite(twist).all(), shrink * twist, 0.0)
+
+
+@partial(jax.jit, static_argnames=("size", "stride"))
+def gauss_newton_step(
+    R_cam_obj: Float[Array, "hypotheses 3 3"],
+    t_cam_obj: Float[Array, "hypotheses 3"],
+    predicted: Predicted,
+    observed: ObservedMaps,
+    normal_obj: Float[Array, "triangles 3"],
+    reach: Float[Array, ""],
+    camera: CameraArrays,
+    deviations: Deviations,
+    size: int,
+    stride: int,
+) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
+    """One step of every hypothesis, with the normal equations it was taken from."""
+
+    def one(R, t, seen):
+        equations = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride)
+        R, t = move(R, t, newton_twist(equations, reach))
+        return R, t, equations
+
+    return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted)
+
+
+def as_predicted(found: Correspondences, origin_uv: Float[np.ndarray, "hypotheses 2"]) -> Predicted:
+    return Predicted(origin_uv.astype(np.float32), found.depth, found.triangle, found.contour_uv, found.contour_depth)
+
+
+def ramp(ends: tuple[float, float], step: int, steps: int) -> float:
+    """Falls geometrically from the first to the last value."""
+    return float(ends[0] * (ends[1] / ends[0]) ** (step / max(1, steps - 1)))
+
+
+def refine(
+    hypotheses: Hypotheses,
+    model: RefineModel,
+    observed: ObservedMaps,
+    camera: Camera,
+    deviations: Deviations,
+    stages: Sequence[Stage],
+    jump: float,
+) -> tuple[Hypotheses, NormalEquations]:
+    """Refines every hypothesis against needle map, outline and depth.
+
+    Returns the poses and the last normal equations (their inverse Hessian is the covariance of the twist). `jump` [mm]
+    is the least depth step of an occluding contour.
+    """
+    count = len(hypotheses.t_cam_obj)
+    R, t = (np.asarray(a) for a in padded(hypotheses))
+    cam = camera_arrays(camera)
+    reach = jnp.float32(model.reach)
+    distance = float(np.median(t[:, 2]))
+    equations = None
+    for stage in stages:
+        stride = window_stride(camera, model.reach, distance, stage.size)
+        for step in range(stage.steps):
+            origin = window_origins(camera, t, stage.size, stride)
+            edges = jump if stage.contour else None
+            found = correspondences(model.mesh, R, t, camera, origin, stage.size, stride, model.reach, edges)
+            now = deviations._replace(
+                depth_gate=jnp.float32(ramp(stage.depth_gate, step, stage.steps)),
+                needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),
+                contour_gate=jnp.float32(ramp(stage.contour_gate, step, stage.steps)),
+            )
+            R, t, equations = gauss_newton_step(
+                R, t, as_predicted(found, origin), observed, model.normal_obj, reach, cam,
+                now, stage.size, stride,
+            )
+            R, t = np.asarray(R), np.asarray(t)
+    if equations is None:
+        raise ValueError("refine needs at least one step")
+    return Hypotheses(R[:count], t[:count]), NormalEquations(*(np.asarray(e)[:count] for e in equations))

@@ -1,0 +1,182 @@
+"""Pose residuals of one hypothesis: needles, depth and contour, with their normal equations.
+
+A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part's origin: `R <- exp(omega) R`,
+`t <- t + v`. Correspondences (triangle and depth at each pixel) come from ray casting and stay fixed during a step.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Float, Int
+
+from itree_jax.refinement.observed import CameraArrays, ObservedMaps
+from itree_jax.sensing.needle import Array
+
+
+class Predicted(NamedTuple):
+    """Ray-cast prediction of one hypothesis at the pixels of its window (see itree_kernels.correspond)."""
+
+    origin_uv: Float[Array, "2"]  # image point of window pixel (0, 0), whole numbers [px]
+    depth: Float[Array, "s s"]  # z [mm], 0 where the part is missed
+    triangle: Int[Array, "s s"]  # -1 where the part is missed
+    contour_uv: Float[Array, "2 s s 2"]
+    contour_depth: Float[Array, "2 s s"]  # 0 where no contour
+
+
+class Deviations(NamedTuple):
+    """Standard deviations and gates. Gates shrink from the first step to the last: a wide basin, then precision.
+
+    A mean over N pixels whose errors share a bias b doesn't get better than b: a pixel's weight is 1/(s^2 + N b^2).
+    """
+
+    depth: Float[Array, ""]  # of one pixel [mm]
+    depth_bias: Float[Array, ""]  # shared by a face [mm]
+    depth_gate: Float[Array, ""]  # beyond it a pixel belongs to something else [mm]
+    needle: Float[Array, ""]  # of one pixel [rad]
+    needle_bias: Float[Array, ""]  # shared by a face [rad]
+    needle_gate: Float[Array, ""]  # [rad]
+    contour: Float[Array, ""]  # [px]
+    contour_bias: Float[Array, ""]  # shared by a contour [px]
+    contour_gate: Float[Array, ""]  # [px]
+
+
+class NormalEquations(NamedTuple):
+    """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v)."""
+
+    hessian: Float[Array, "6 6"]
+    gradient: Float[Array, "6"]
+    cost: Float[Array, ""]
+
+
+class WindowObservations(NamedTuple):
+    """Observed maps at the pixels of a window."""
+
+    uv: Float[Array, "s s 2"]
+    depth: Float[Array, "s s"]
+    normals: Float[Array, "s s 3"]
+    needle_weight: Float[Array, "s s"]
+
+
+def look_up(observed: ObservedMaps, origin_uv: Float[Array, "2"], size: int, stride: int) -> WindowObservations:
+    """Reads the maps at whole pixels; outside of the image nothing is observed."""
+    height, width = observed.depth.shape
+    step = stride * jnp.arange(size)
+    u = origin_uv[0].astype(jnp.int32) + step
+    v = origin_uv[1].astype(jnp.int32) + step
+    inside = ((v >= 0) & (v < height))[:, None] & ((u >= 0) & (u < width))[None, :]
+    uc, vc = jnp.clip(u, 0, width - 1)[None, :], jnp.clip(v, 0, height - 1)[:, None]
+    uv = jnp.stack(jnp.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(jnp.float32)
+    return WindowObservations(
+        uv,
+        jnp.where(inside, observed.depth[vc, uc], 0.0),
+        jnp.where(inside[..., None], observed.normals[vc, uc], 0.0),
+        jnp.where(inside, observed.needle_weight[vc, uc], 0.0),
+    )
+
+
+def sight(camera: CameraArrays, uv: Float[Array, "*n 2"]) -> Float[Array, "*n 3"]:
+    """Direction of sight with z = 1: how a point moves per mm of depth."""
+    x = (uv[..., 0] - camera.cx) / camera.fx * camera.pinhole
+    y = (uv[..., 1] - camera.cy) / camera.fy * camera.pinhole
+    return jnp.stack([x, y, jnp.ones_like(x)], axis=-1)
+
+
+def unproject(camera: CameraArrays, uv: Float[Array, "*n 2"], depth: Float[Array, "*n"]) -> Float[Array, "*n 3"]:
+    scale = jnp.where(camera.pinhole > 0, depth, 1.0)
+    x = (uv[..., 0] - camera.cx) / camera.fx * scale
+    y = (uv[..., 1] - camera.cy) / camera.fy * scale
+    return jnp.stack([x, y, depth], axis=-1)
+
+
+def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """Tukey's biweight of (residual / gate)^2: 1 at none, 0 from the gate on."""
+    return jnp.square(jnp.clip(1.0 - squared, 0.0, 1.0))
+
+
+def _sums(jacobian: Float[Array, "n 6"], residual: Float[Array, "n"], weight: Float[Array, "n"]) -> NormalEquations:
+    weighted = jacobian * weight[:, None]
+    return NormalEquations(weighted.T @ jacobian, weighted.T @ residual, jnp.sum(weight * residual**2))
+
+
+def depth_equations(
+    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, window: WindowObservations,
+    normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations,
+) -> NormalEquations:
+    """Point to plane: n . (X_obs - X_model) [mm] along each pixel's ray."""
+    direction = sight(camera, window.uv)
+    normal = normal_obj[predicted.triangle] @ R_cam_obj.T
+    gap = window.depth - predicted.depth
+    residual = gap * jnp.sum(normal * direction, axis=-1)
+    valid = (predicted.triangle >= 0) & (window.depth > 0)
+    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
+    count = jnp.sum(robust)
+    weight = robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
+    arm = unproject(camera, window.uv, predicted.depth) - t_cam_obj
+    jacobian = -jnp.concatenate([jnp.cross(arm, normal), normal], axis=-1)
+    return _sums(jacobian.reshape(-1, 6), residual.reshape(-1), weight.reshape(-1))
+
+
+def needle_equations(
+    R_cam_obj: Float[Array, "3 3"], predicted: Predicted, window: WindowObservations,
+    normal_obj: Float[Array, "triangles 3"], deviations: Deviations, gap: Float[Array, "s s"],
+) -> NormalEquations:
+    """Needles: n_obs - R n_obj. Its Jacobian is the cross-product matrix of n, so that J^T J = I - n n^T."""
+    normal = normal_obj[predicted.triangle] @ R_cam_obj.T
+    residual = window.normals - normal
+    squared = jnp.sum(residual**2, axis=-1)
+    same_surface = (window.depth <= 0) | (jnp.abs(gap) < deviations.depth_gate)
+    valid = (predicted.triangle >= 0) & (window.needle_weight > 0) & same_surface
+    robust = jnp.where(valid, window.needle_weight * tukey(squared / jnp.square(deviations.needle_gate)), 0.0)
+    count = jnp.sum(robust)
+    weight = robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
+    outer = jnp.einsum("ij,ija,ijb->ab", weight, normal, normal)
+    rotation = jnp.sum(weight) * jnp.eye(3) - outer
+    gradient = jnp.einsum("ij,ija->a", weight, jnp.cross(residual, normal))
+    hessian = jnp.zeros((6, 6)).at[:3, :3].set(rotation)
+    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), jnp.sum(weight * squared))
+
+
+def contour_equations(
+    t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps, camera: CameraArrays,
+    deviations: Deviations,
+) -> NormalEquations:
+    """Occluding contour: distance [px] to the nearest observed edge point along that edge's own direction."""
+    uv = predicted.contour_uv.reshape(-1, 2)
+    z = predicted.contour_depth.reshape(-1)
+    height, width = observed.edge_label.shape
+    half = jnp.round(2.0 * uv).astype(jnp.int32)
+    inside = (half[:, 0] >= 0) & (half[:, 0] < width) & (half[:, 1] >= 0) & (half[:, 1] < height)
+    label = observed.edge_label[jnp.clip(half[:, 1], 0, height - 1), jnp.clip(half[:, 0], 0, width - 1)]
+    gap = uv - observed.edge_uv[label]
+    direction = observed.edge_normal[label]
+    residual = jnp.sum(gap * direction, axis=-1)
+    # an edge at another depth belongs to another part
+    deep = jnp.abs(observed.edge_depth[label] - z) < 2.0 * deviations.depth_gate
+    valid = inside & (z > 0) & deep
+    robust = jnp.where(valid, tukey(jnp.sum(gap**2, axis=-1) / jnp.square(deviations.contour_gate)), 0.0)
+    residual = jnp.where(valid, residual, 0.0)
+    count = jnp.sum(robust)
+    weight = robust / (jnp.square(deviations.contour) + count * jnp.square(deviations.contour_bias))
+    X = unproject(camera, uv, z)
+    scale = jnp.where(camera.pinhole > 0, jnp.maximum(z, 1.0), 1.0)
+    a = direction[:, 0] * camera.fx / scale
+    b = direction[:, 1] * camera.fy / scale
+    slope = -(a * X[:, 0] + b * X[:, 1]) / scale * camera.pinhole
+    push = jnp.stack([a, b, slope], axis=-1)  # d residual / d X
+    jacobian = jnp.concatenate([jnp.cross(X - t_cam_obj, push), push], axis=-1)
+    return _sums(jnp.where(valid[:, None], jacobian, 0.0), residual, weight)
+
+
+def total_equations(
+    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
+    normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int, stride: int,
+) -> NormalEquations:
+    """The normal equations of one hypothesis: needles + depth + contour."""
+    window = look_up(observed, predicted.origin_uv, size, stride)
+    gap = window.depth - predicted.depth
+    terms = (
+        depth_equations(R_cam_obj, t_cam_obj, predicted, window, normal_obj, camera, deviations),
+        needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap),
+        contour_equations(t_cam_obj, predicted, observed, camera, deviations),
+    )
+    return NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))

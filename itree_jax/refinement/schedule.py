@@ -1,0 +1,93 @@
+"""How hypotheses are narrowed and refined: stages, gates and tolerances from the part's size and the sensor's errors.
+
+The stages follow one idea: many hypotheses at few rays, few hypotheses at many rays. Gates start at the reach of the
+dome's spacing and end at what the sensor's errors allow.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from itree_kernels.camera import Camera
+
+from itree_jax.refinement.optimise import Stage
+from itree_jax.refinement.residuals import Deviations
+from itree_jax.refinement.verify import Tolerances
+from itree_jax.sensor import Sensor
+
+STEEPEST_SEEN = np.radians(75.0)  # slant up to which neighbouring pixels of one surface are told from a depth step
+NEEDLE_BIAS = np.radians(2.0)  # needles of a face share errors of interreflection and reflectance of about this size
+NEEDLE_PIXEL = np.radians(3.0)  # of one pixel, noise and raster together
+EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
+EDGE_BIAS = 0.15  # [px] shared by a contour
+DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
+NOISE_SIGMAS = 4.0
+
+
+@dataclass(frozen=True)
+class Round:
+    """Refine, verify, keep the best hypotheses of every region."""
+
+    stage: Stage
+    keep: int  # hypotheses per region after this round
+    tolerances: Tolerances
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """All rounds of one part under one sensor."""
+
+    rounds: tuple[Round, ...]  # of the candidates
+    turned: tuple[Round, ...]  # of accepted poses under their near symmetries
+    deviations: Deviations
+    jump: float  # least depth step between two surfaces [mm]
+    verify_size: int  # window pixels of the last verification
+
+
+def depth_jump(camera: Camera, distance: float, noise: float) -> float:
+    """Least depth step [mm] between neighbouring pixels that no single surface under 75 degrees of slant makes."""
+    return camera.mm_per_px(distance) * float(np.tan(STEEPEST_SEEN)) + NOISE_SIGMAS * np.sqrt(2.0) * noise
+
+
+def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> Schedule:
+    """The rounds for a part of this diameter [mm], a depth map of this noise [mm], a dome of this spacing [rad]."""
+    camera, distance = sensor.camera, sensor.working_distance
+    pitch = camera.mm_per_px(distance)
+    rim = diameter / 2.0
+    jump = depth_jump(camera, distance, noise)
+    fine = 3.0 * noise + 0.5 * pitch
+    start = max(2.0 * spacing * rim, 4.0 * fine)  # a hypothesis is off by a cell of the dome and its centroid's error
+    middle = max(0.5 * spacing * rim, 3.0 * fine)
+
+    def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
+        return Tolerances(jnp.float32(depth), jnp.float32(needle), jnp.float32(least_jump))
+
+    rounds = (
+        Round(
+            Stage(1, 16, (start, start), (1.0, 1.0), (1.0, 1.0), contour=False),
+            64,
+            tolerances(start, np.radians(45.0), max(jump, start)),
+        ),
+        Round(
+            Stage(2, 24, (start, start), (1.0, 1.0), (start / pitch, start / pitch)),
+            20,
+            tolerances(middle, np.radians(35.0), max(jump, middle)),
+        ),
+        Round(
+            Stage(7, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)),
+            5,
+            tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
+        ),
+        Round(
+            Stage(8, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)),
+            2,
+            tolerances(fine, np.radians(20.0), jump),
+        ),
+    )
+    turned = (
+        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
+        Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
+    )
+    values = (max(noise, 0.1 * pitch), max(DEPTH_BIAS * noise, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
+              EDGE_PIXEL, EDGE_BIAS, 0.0)
+    return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), jump, 96)

@@ -1,0 +1,58 @@
+"""Segments of a depth map: cut at steps, joined by slopes, lit or not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from itree_jax.sensing.bundled import bundled_sensor
+from itree_jax.sensing.segments import depth_segments, segment_centres
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    full = bundled_sensor("bench")
+    camera = replace(full.camera, width=80, height=60, cx=39.5, cy=29.5)
+    return replace(full, camera=camera)
+
+
+def two_blocks() -> np.ndarray:
+    """A slope on the left, a block 20 mm higher on the right, and a hole."""
+    depth = np.full((60, 80), 900.0)
+    depth[:, :40] += 0.2 * np.arange(40)
+    depth[:, 40:] = 880.0
+    depth[:5, :5] = 0.0
+    return depth
+
+
+def test_a_step_cuts_and_a_slope_does_not(sensor):
+    labels = depth_segments(two_blocks(), sensor)
+    left, right = labels[10:, 1:36], labels[:, 44:]
+    assert np.unique(left).size == 1
+    assert np.unique(right).size == 1
+    assert left[0, 0] != right[0, 0]
+    assert (labels[:4, :4] == 0).all()
+
+
+def test_a_region_gets_the_centre_of_its_whole_segment(sensor):
+    """However small the lit part of the block is, the centre is the block's."""
+    labels = np.full((60, 80), -1)
+    labels[10:15, 60:66] = 0
+    labels[40:44, 10:14] = 1
+    centres = segment_centres(labels, two_blocks(), sensor)
+    u = np.arange(40, 80)
+    expected = sensor.camera.unproject(np.array([[u.mean(), 29.5]]), np.array([880.0]))[0]
+    np.testing.assert_allclose(centres[0], expected, atol=2 * sensor.camera.mm_per_px(880.0))
+    assert centres[1][2] == pytest.approx(900 + 0.2 * 19.5, abs=0.5)
+
+
+def test_a_region_without_a_segment_keeps_its_own_centre(sensor):
+    """On a chequerboard of steps no two pixels hang together."""
+    i, j = np.indices((60, 80))
+    depth = 900.0 + 20.0 * ((i + j) % 2)
+    labels = np.full((60, 80), -1)
+    labels[20:30, 30:40] = 0
+    centre = segment_centres(labels, depth, sensor)[0]
+    v, u = np.nonzero(labels == 0)
+    own = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[labels == 0])
+    np.testing.assert_allclose(centre, own.mean(axis=0))

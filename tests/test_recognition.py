@@ -1,0 +1,220 @@
+"""From images to poses: two of the paper's parts on a table."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from itree_kernels.errors import ItreeError
+from scipy.spatial.transform import Rotation
+
+from itree_jax.answers import best_reason, twist_deviation, without_free_turns
+from itree_jax.detections import Detections
+from itree_jax.evaluation import mssd
+from itree_jax.evaluation.pose_errors import Pose
+from itree_jax.evaluation.symmetry import symmetry_set
+from itree_jax.prepared import prepare
+from itree_jax.recognition import recognize
+from itree_jax.sensing.scene_folder import Scene
+from itree_jax.sensing.scene_writer import write_scene
+from itree_jax.sensor import Sensor
+from itree_jax.simulate.bin import Bin
+from itree_jax.simulate.dataset import model_info
+from itree_jax.simulate.imaging import image_bin
+
+TABLE = Bin((500.0, 400.0), 5.0)  # its walls are out of view
+ATTITUDES = (
+    (Rotation.from_euler("zx", [30, 0], degrees=True), Rotation.from_euler("xz", [120, -40], degrees=True)),
+    (Rotation.from_euler("zx", [-75, 10], degrees=True), Rotation.from_euler("xz", [-95, 65], degrees=True)),
+)
+PLACES = ((-38.0, 0.0, 20.0), (38.0, 5.0, 20.0))  # [mm]
+
+
+class Case(NamedTuple):
+    scene: Scene
+    truth: list[Pose]
+
+
+@pytest.fixture(scope="module")
+def sensor(paper_tree) -> Sensor:
+    """The sensor of the tree with the middle quarter of its image."""
+    return replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(160, 120, 320, 240))
+
+
+@pytest.fixture(scope="module")
+def prepared(paper_tree):
+    return prepare(paper_tree)
+
+
+@pytest.fixture(scope="module")
+def cases(paper_tree, sensor) -> list[Case]:
+    made = []
+    for seed, rotations in enumerate(ATTITUDES):
+        T_bin_obj = np.tile(np.eye(4), (2, 1, 1))
+        T_bin_obj[:, :3, :3] = [R.as_matrix() for R in rotations]
+        T_bin_obj[:, :3, 3] = PLACES
+        scene, truth = image_bin(paper_tree.part, T_bin_obj, TABLE, sensor, seed=seed)
+        made.append(Case(scene, [Pose(t.R_cam_obj, t.t_cam_obj) for t in truth]))
+    return made
+
+
+def answer(prepared, case: Case) -> Detections:
+    return recognize(prepared, case.scene.images, case.scene.sensor, case.scene.depth, case.scene.R_w2c)
+
+
+@pytest.fixture(scope="module")
+def answers(prepared, cases) -> list[Detections]:
+    return [answer(prepared, case) for case in cases]
+
+
+@pytest.fixture(scope="module")
+def batch(prepared, cases) -> list[Detections]:
+    """Both images in one call, the second one again as the third."""
+    scenes = [cases[k].scene for k in (0, 1, 1)]
+    images, depth = np.stack([s.images for s in scenes]), np.stack([s.depth for s in scenes])
+    return recognize(prepared, images, scenes[0].sensor, depth, scenes[0].R_w2c)
+
+
+def same(a: Detections, b: Detections) -> bool:
+    """To the last bit, but for the time it took."""
+    poses = all(x.tobytes() == y.tobytes() for x, y in zip(a.poses, b.poses, strict=True))
+    paths = [d.decision_path for d in a] == [d.decision_path for d in b]
+    counts = [[(d.agreeing, d.contradicting, d.hidden, d.offer_rank) for d in x] for x in (a, b)]
+    labels = a.labels.tobytes() == b.labels.tobytes()
+    return poses and paths and labels and counts[0] == counts[1] and a.not_recognised == b.not_recognised
+
+
+@pytest.mark.parametrize("k", range(len(ATTITUDES)))
+def test_the_parts_are_found(paper_tree, cases, answers, k):
+    """The top pick, the best score, and both parts: within 5 % of the diameter (in fact, far less)."""
+    part, symmetry = paper_tree.part, symmetry_set(model_info(paper_tree.part))
+    errors = [
+        [float(mssd(Pose(d.R_cam_obj, d.t_cam_obj), truth, part.vertices, symmetry)) for truth in cases[k].truth]
+        for d in answers[k]
+    ]
+    assert len(errors) == 2
+    assert (np.min(errors, axis=1) < 0.05 * part.diameter).all()
+    assert set(np.argmin(errors, axis=1)) == {0, 1}
+    for d in answers[k]:
+        assert 0.3 < d.score <= 1.0
+        assert d.agreeing > 10 * d.contradicting
+        np.testing.assert_allclose(d.R_cam_obj @ d.R_cam_obj.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(d.R_cam_obj) == pytest.approx(1.0)
+        assert (d.rotation_std < np.radians(5.0)).all()
+        assert (d.translation_std < 1.0).all()
+        assert d.decision_path
+    assert sorted(d.offer_rank for d in answers[k]) == [0, 1]
+    top, other = answers[k].by_offer
+    assert top.height >= other.height
+
+
+def test_what_is_not_recognised_has_its_reason(answers):
+    for found in answers:
+        regions = set(np.unique(found.labels).tolist()) - {-1}
+        unexplained = [entry["region"] for entry in found.not_recognised]
+        assert len(set(unexplained)) == len(unexplained) < len(regions)
+        assert set(unexplained) <= regions
+        assert all(entry["reason"] for entry in found.not_recognised)
+
+
+def test_a_batch_of_images_is_its_images_one_by_one(batch, answers):
+    assert len(batch) == 3
+    assert same(batch[0], answers[0])
+    assert same(batch[1], answers[1])
+
+
+def test_two_calls_give_the_same_bytes(batch):
+    assert same(batch[1], batch[2])
+    assert not same(batch[0], batch[1])
+
+
+def test_several_trees_share_an_image(prepared, cases, answers):
+    """A list of one tree is that tree; its number is on its answers."""
+    other = replace(prepared, tree=replace(prepared.tree, obj_id=7))
+    case = cases[1]
+    found = recognize([other], case.scene.images, case.scene.sensor, case.scene.depth, case.scene.R_w2c)
+    assert [d.obj_id for d in found] == [7] * len(answers[1])
+    assert found.poses.t.tobytes() == answers[1].poses.t.tobytes()
+
+
+def test_an_empty_image_gives_no_answer(prepared, sensor):
+    shape = (sensor.camera.height, sensor.camera.width)
+    found = recognize(prepared, np.zeros((3, *shape)), sensor, np.zeros(shape))
+    assert len(found) == 0
+    assert found.not_recognised == ()
+    assert (found.labels == -1).all()
+    assert found.poses.R.shape == (0, 3, 3)
+    assert best_reason([], 0) == "no hypothesis"
+
+
+def test_a_depth_map_is_asked_for(prepared, cases):
+    scene = cases[0].scene
+    for images in (scene.images, scene.images[None]):
+        with pytest.raises(ItreeError, match="needs a depth map"):
+            recognize(prepared, images, scene.sensor)
+
+
+def test_shapes_that_do_not_fit_the_sensor_are_refused(prepared, cases, sensor):
+    """The message says what was given and what is needed."""
+    images, depth = cases[0].scene.images, cases[0].scene.depth
+    wrong = {
+        "two lights": (images[:2], depth),
+        "turned": (images.transpose(0, 2, 1), depth),
+        "one image": (images[0], depth),
+        "two batch axes": (images[None, None], depth[None, None]),
+    }
+    for given, z in wrong.values():
+        with pytest.raises(ItreeError, match=r"images have shape .* the sensor's are .* \[3, 240, 320\]"):
+            recognize(prepared, given, sensor, z)
+    for given, z in ((images, depth[:-1]), (images[None], depth), (images, depth[None])):
+        with pytest.raises(ItreeError, match="the depth map has shape"):
+            recognize(prepared, given, sensor, z)
+
+
+def test_two_lights_are_too_few(prepared, cases, sensor):
+    """Also when the sensor has no more."""
+    two = replace(sensor, light_directions=sensor.light_directions[:2], light_intensities=sensor.light_intensities[:2])
+    scene = cases[0].scene
+    with pytest.raises(ItreeError, match="three or more lights"):
+        recognize(prepared, scene.images[:2], two, scene.depth)
+
+
+PROGRAM = """
+import sys
+from itree_jax.recognition import recognize
+from itree_jax.sensing.scene_folder import load_scene
+from itree_jax.tree.tree_file import load_tree
+
+tree = load_tree(sys.argv[1])
+scene = load_scene(sys.argv[2])
+found = recognize(tree, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+print(len(found))
+"""
+
+
+def test_a_process_that_recognises_ends(paper_tree_file, cases, tmp_path):
+    """With JAX as it comes: nothing is in flight when the program is over."""
+    write_scene(tmp_path / "000001", cases[0].scene, ())
+    words = [sys.executable, "-c", PROGRAM, str(paper_tree_file), str(tmp_path / "000001")]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2\n", "")
+
+
+def test_turns_about_an_axis_of_revolution_are_reported_unobservable(paper_tree):
+    """Axis z of the part through (1, 2, 0), the part turned so that it lies along the camera's x: only turns about that
+    line are free. A turn about it moves the part's origin too, so neither omega_x nor the shift alone is at fault.
+    """
+    axis, point = np.array([0.0, 0.0, 1.0]), np.array([1.0, 2.0, 0.0])
+    turning = replace(paper_tree, symmetries=replace(paper_tree.symmetries, continuous=((axis, point),)))
+    R = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    hessian = without_free_turns(np.diag([4.0, 9.0, 16.0, 1.0, 1.0, 1.0]), turning, R)
+    twist = np.concatenate([R @ axis, -np.cross(R @ axis, R @ point)])
+    np.testing.assert_allclose(hessian @ twist, 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.matrix_rank(hessian), 5)
+    std = twist_deviation(hessian)
+    np.testing.assert_array_equal(np.isinf(std), np.abs(twist) > 0)
+    np.testing.assert_allclose(std[1:3], [1 / 3, 1 / 4])
+    same = np.diag([4.0, 9.0, 16.0, 1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(without_free_turns(same, paper_tree, R), same)
