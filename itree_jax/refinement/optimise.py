@@ -1,9 +1,9 @@
 """Gauss-Newton on SE(3) for a batch of hypotheses: rays on the kernels, normal equations in one compiled step."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,14 +11,15 @@ import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from itree_kernels.mesh import RayMesh
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
 
 DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
-SMALLEST_BATCH = 16
+SMALLEST_BATCH, BATCH = 16, 128
+TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 
 
 class Hypotheses(NamedTuple):
@@ -33,9 +34,15 @@ class RefineModel:
     """What refinement needs of one part."""
 
     mesh: RayMesh
-    normal_obj: Float[Array, "triangles 3"]
+    normal_obj: Float[Array, "triangles 3"]  # zeros pad it to a multiple of TRIANGLE_BATCH
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
+
+
+def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
+    """Triangle normals with zeros up to a multiple of `TRIANGLE_BATCH`."""
+    extra = -len(normal_obj) % TRIANGLE_BATCH
+    return jnp.asarray(np.concatenate([normal_obj, np.zeros((extra, 3))]), jnp.float32)
 
 
 @dataclass(frozen=True)
@@ -51,10 +58,21 @@ class Stage:
 
 
 def batch_size(count: int) -> int:
-    """The next of few sizes (16, 32, 64, 128, then steps of 128), so that few shapes are compiled."""
-    if count <= 128:
-        return max(SMALLEST_BATCH, 1 << (count - 1).bit_length())
-    return -(-count // 128) * 128
+    """`SMALLEST_BATCH`, or a multiple of `BATCH`: compiled functions see batches of these two sizes only."""
+    return SMALLEST_BATCH if count <= SMALLEST_BATCH else -(-count // BATCH) * BATCH
+
+
+def in_batches(function: Callable[..., Any], *arrays: Any) -> Any:
+    """Calls a compiled function on slices of its arguments (trees of arrays with one leading axis, padded to a batch
+    size) and joins what it returns, as NumPy arrays. One shape is compiled, and memory stays that of one batch.
+    """
+    count = len(jax.tree.leaves(arrays)[0])
+    step = min(count, BATCH)
+    parts = []
+    for k in range(0, count, step):
+        some = jax.tree.map(lambda a, k=k: a[k : k + step], arrays)
+        parts.append(jax.tree.map(np.asarray, function(*some)))
+    return jax.tree.map(lambda *p: np.concatenate(p), *parts) if len(parts) > 1 else parts[0]
 
 
 def padded(hypotheses: Hypotheses) -> Hypotheses:
@@ -109,7 +127,7 @@ def newton_twist(equations: NormalEquations, reach: Float[Array, ""]) -> Float[A
     return jnp.where(jnp.isfinite(twist).all(), shrink * twist, 0.0)
 
 
-@partial(jax.jit, static_argnames=("size", "stride"))
+@partial(jax.jit, static_argnames=("size",))
 def gauss_newton_step(
     R_cam_obj: Float[Array, "hypotheses 3 3"],
     t_cam_obj: Float[Array, "hypotheses 3"],
@@ -119,8 +137,8 @@ def gauss_newton_step(
     reach: Float[Array, ""],
     camera: CameraArrays,
     deviations: Deviations,
+    stride: Int[Array, ""],
     size: int,
-    stride: int,
 ) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
     """One step of every hypothesis, with the normal equations it was taken from."""
 
@@ -172,11 +190,11 @@ def refine(
                 needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),
                 contour_gate=jnp.float32(ramp(stage.contour_gate, step, stage.steps)),
             )
-            R, t, equations = gauss_newton_step(
-                R, t, as_predicted(found, origin), observed, model.normal_obj, reach, cam,
-                now, stage.size, stride,
+            step_of = partial(
+                gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
+                deviations=now, stride=jnp.int32(stride), size=stage.size,
             )
-            R, t = np.asarray(R), np.asarray(t)
+            R, t, equations = in_batches(step_of, R, t, as_predicted(found, origin))
     if equations is None:
         raise ValueError("refine needs at least one step")
     return Hypotheses(R[:count], t[:count]), NormalEquations(*(np.asarray(e)[:count] for e in equations))

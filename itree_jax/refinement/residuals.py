@@ -57,7 +57,9 @@ class WindowObservations(NamedTuple):
     needle_weight: Float[Array, "s s"]
 
 
-def look_up(observed: ObservedMaps, origin_uv: Float[Array, "2"], size: int, stride: int) -> WindowObservations:
+def look_up(
+    observed: ObservedMaps, origin_uv: Float[Array, "2"], size: int, stride: Int[Array, ""] | int
+) -> WindowObservations:
     """Reads the maps at whole pixels; outside of the image nothing is observed."""
     height, width = observed.depth.shape
     step = stride * jnp.arange(size)
@@ -169,7 +171,8 @@ def contour_equations(
 
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
-    normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int, stride: int,
+    normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
+    stride: Int[Array, ""] | int,
 ) -> NormalEquations:
     """The normal equations of one hypothesis: needles + depth + contour."""
     window = look_up(observed, predicted.origin_uv, size, stride)

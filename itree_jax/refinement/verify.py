@@ -8,10 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import correspondences
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.observed import ObservedMaps
-from itree_jax.refinement.optimise import Hypotheses, RefineModel, as_predicted, padded, window_origins, window_stride
+from itree_jax.refinement.optimise import (
+    Hypotheses,
+    RefineModel,
+    as_predicted,
+    in_batches,
+    padded,
+    window_origins,
+    window_stride,
+)
 from itree_jax.refinement.residuals import Predicted, look_up
 from itree_jax.sensing.needle import Array
 
@@ -41,7 +49,7 @@ class Verdict(NamedTuple):
 
 def verify_one(
     R_cam_obj: Float[Array, "3 3"], predicted: Predicted, observed: ObservedMaps,
-    normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: int,
+    normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: Int[Array, ""] | int,
 ) -> Verdict:
     """The verdict on one hypothesis at the pixels of its window."""
     window = look_up(observed, predicted.origin_uv, size, stride)
@@ -101,10 +109,10 @@ def contour_support(
     return jnp.sum((seen & ends).astype(jnp.float32)), jnp.sum((seen & ~ends).astype(jnp.float32))
 
 
-@partial(jax.jit, static_argnames=("size", "stride"))
+@partial(jax.jit, static_argnames=("size",))
 def verify_batch(
     R_cam_obj: Float[Array, "hypotheses 3 3"], predicted: Predicted, observed: ObservedMaps,
-    normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: int,
+    normal_obj: Float[Array, "triangles 3"], tolerances: Tolerances, size: int, stride: Int[Array, ""] | int,
 ) -> Verdict:
     def one(R: Float[Array, "3 3"], seen: Predicted) -> Verdict:
         return verify_one(R, seen, observed, normal_obj, tolerances, size, stride)
@@ -125,8 +133,12 @@ def verify(
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
     origin = window_origins(camera, t, size, stride)
     found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach, jump)
-    verdict = verify_batch(R, as_predicted(found, origin), observed, model.normal_obj, tolerances, size, stride)
-    return Verdict(*(np.asarray(v)[:count] for v in verdict)), origin[:count], stride
+    verdict_of = partial(
+        verify_batch, observed=observed, normal_obj=model.normal_obj, tolerances=tolerances, size=size,
+        stride=jnp.int32(stride),
+    )
+    verdict = in_batches(verdict_of, R, as_predicted(found, origin))
+    return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
 
 
 def visible_centres(

@@ -64,8 +64,8 @@ def test_hypotheses_are_independent(bracket):
     """A batch equals its elements one by one, and padding changes nothing."""
     R, t = ATTITUDES[0], centred(bracket, ATTITUDES[0])
     maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
-    start = perturbed(R, t, 17, 8.0, 3.0, seed=0)  # padded to 32
-    assert batch_size(17) == 32
+    start = perturbed(R, t, 17, 8.0, 3.0, seed=0)  # padded to 128
+    assert batch_size(17) == 128
     stage = [Stage(3, 32, (12.0, 4.0), (1.0, 0.6), (15.0, 6.0))]
     together, equations = refine(start, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
     assert together.t_cam_obj.shape == (17, 3)

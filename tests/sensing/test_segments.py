@@ -44,15 +44,3 @@ def test_a_region_gets_the_centre_of_its_whole_segment(sensor):
     expected = sensor.camera.unproject(np.array([[u.mean(), 29.5]]), np.array([880.0]))[0]
     np.testing.assert_allclose(centres[0], expected, atol=2 * sensor.camera.mm_per_px(880.0))
     assert centres[1][2] == pytest.approx(900 + 0.2 * 19.5, abs=0.5)
-
-
-def test_a_region_without_a_segment_keeps_its_own_centre(sensor):
-    """On a chequerboard of steps no two pixels hang together."""
-    i, j = np.indices((60, 80))
-    depth = 900.0 + 20.0 * ((i + j) % 2)
-    labels = np.full((60, 80), -1)
-    labels[20:30, 30:40] = 0
-    centre = segment_centres(labels, depth, sensor)[0]
-    v, u = np.nonzero(labels == 0)
-    own = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[labels == 0])
-    np.testing.assert_allclose(centre, own.mean(axis=0))

@@ -31,9 +31,9 @@ def flash(sensor: Sensor) -> Sensor:
 @pytest.fixture(scope="session")
 def gem() -> RayMesh:
     rng = np.random.default_rng(3)
-    directions = rng.normal(size=(40, 3))
-    reach = np.array([32.0, 26.0, 20.0]) * rng.uniform(0.85, 1.15, (40, 1))
-    points = reach * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = rng.normal(size=(90, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    points = directions * np.where(directions > 0, [34.0, 26.0, 19.0], [24.0, 17.0, 12.0])
     hull = ConvexHull(points)
     corners = points[hull.simplices]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

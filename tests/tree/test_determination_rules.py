@@ -1,0 +1,208 @@
+"""Determination: turns that are rotations, comparisons beside plain NumPy, and rolled views found again."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from itree_cad.symmetry import rotation
+
+from itree_jax.features.rectify import face_axes, gradient_space
+from itree_jax.features.region import RegionFeatures
+from itree_jax.tree.appearances import appearances
+from itree_jax.tree.determination import appearance_arrays, attitude_error
+from itree_jax.tree.determination_rules import (
+    DeterminationScales,
+    about_normal,
+    compare_shape,
+    egi_candidates,
+    egi_elsewhere,
+    outline_distance,
+    shape_candidates,
+    shortest_turn,
+    within_roll,
+    wrapped,
+)
+from itree_jax.tree.dome import camera_rotation, dome
+from itree_jax.tree.groups import roll_rotation
+
+SCALES = DeterminationScales(*map(jnp.float32, [0.12, 0.05, 0.1, 0.03, 0.2, 0.15]))
+ROLL_STEP = np.pi / 6.0
+NO_TURNS, NO_AXES = jnp.eye(3)[None], jnp.zeros((0, 3))
+towards_viewer = st.tuples(st.floats(-1, 1), st.floats(-1, 1)).map(
+    lambda pq: np.array([pq[0], pq[1], -1.0]) / np.sqrt(1 + pq[0] ** 2 + pq[1] ** 2)
+)
+
+
+def assert_rotation(R, atol=2e-6) -> None:
+    R = np.asarray(R)
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=atol)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=atol)
+
+
+@given(towards_viewer, towards_viewer)
+@settings(deadline=None)
+def test_the_shortest_turn_takes_one_direction_to_the_other_and_no_farther(a, b):
+    R = np.asarray(shortest_turn(jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32)))
+    assert_rotation(R)
+    np.testing.assert_allclose(R @ a, b, atol=2e-6)
+    axis = np.cross(a, b)
+    np.testing.assert_allclose(R @ axis, axis, atol=2e-6)
+    assert (np.trace(R) - 1) / 2 == pytest.approx(a @ b, abs=2e-6)
+
+
+@given(towards_viewer, st.floats(-3, 3))
+@settings(deadline=None)
+def test_a_turn_about_the_normal_goes_from_the_faces_x_to_its_y(normal, angle):
+    n = jnp.asarray(normal, jnp.float32)
+    R = np.asarray(about_normal(n, jnp.asarray([angle], jnp.float32)))[0]
+    e1, e2 = (np.asarray(e) for e in face_axes(*gradient_space(n)))
+    assert_rotation(R)
+    np.testing.assert_allclose(R @ normal, normal, atol=2e-6)
+    np.testing.assert_allclose(R @ e1, np.cos(angle) * e1 + np.sin(angle) * e2, atol=5e-6)
+
+
+@given(st.floats(-50, 50))
+@settings(deadline=None)
+def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
+    inside = float(wrapped(jnp.float32(angle)))
+    assert abs(inside) <= np.pi + 1e-5
+    assert np.cos(inside - angle) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_outlines_are_compared_under_every_turn():
+    rng = np.random.default_rng(0)
+    observed, table = rng.uniform(5, 15, 64), rng.uniform(5, 15, (3, 64))
+    table[1] = np.roll(observed, 10) * 1.2
+    distance = np.asarray(outline_distance(jnp.asarray(observed, jnp.float32), jnp.asarray(table, jnp.float32)))
+    expected = np.array([
+        [np.sqrt(np.mean((own - np.roll(observed, -k)) ** 2)) / own.mean() for k in range(64)] for own in table
+    ])
+    np.testing.assert_allclose(distance, expected, atol=1e-4)
+    assert distance[1].argmin() == 54  # -10
+
+
+def test_egi_elsewhere_is_0_of_a_part_and_1_of_something_else():
+    whole = np.array([4.0, 3.0, 0.0, 0.0, 1.0], np.float32)
+    part, other = whole * [1, 0.2, 0, 0, 0], np.array([0, 0, 2.0, 5.0, 0])
+    table = jnp.asarray(np.stack([whole, part, other]), jnp.float32)
+    np.testing.assert_allclose(egi_elsewhere(jnp.asarray(part, jnp.float32), table), [0, 0, 1], atol=1e-6)
+    np.testing.assert_allclose(egi_elsewhere(jnp.asarray(whole), table), [0, 1 - 4.6 / 8, 1], atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def rows(gem_table):
+    return appearance_arrays(gem_table, np.zeros(60, int))
+
+
+class Seen(NamedTuple):
+    """Regions seen of the gem from viewer directions of the table, and the attitudes they were seen at."""
+
+    features: list[RegionFeatures]
+    R_cam_obj: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def see(gem, flash, as_features):
+    def largest_regions(R_cam_obj: np.ndarray) -> Seen:
+        table = appearances(gem, flash, R_cam_obj, np.arange(len(R_cam_obj)), 1)
+        first = np.searchsorted(table.attitude, np.arange(len(R_cam_obj)))
+        return Seen([as_features(table, row) for row in first], R_cam_obj)
+
+    return largest_regions
+
+
+@pytest.fixture(scope="module")
+def rolled(see) -> Seen:
+    """Views of the table rolled by k * 22.5 degrees, k = 0, 5, 10, ..., 15."""
+    return see(roll_rotation(np.arange(7) * 5 % 16 * np.pi / 8) @ camera_rotation(dome(1).directions[::9]))
+
+
+def by_shape(features, rows, most=1, scales=SCALES):
+    find = jax.jit(partial(shape_candidates, most=most, roll_step=ROLL_STEP))
+    return find(features, rows, jnp.zeros(1), scales)
+
+
+def by_egi(features, rows, most=1, scales=SCALES):
+    return jax.jit(partial(egi_candidates, most=most))(features, rows, jnp.zeros(1), scales)
+
+
+def errors(candidates, R_true) -> np.ndarray:
+    return np.degrees(np.asarray(attitude_error(candidates.R_ray_obj, jnp.asarray(R_true), NO_TURNS, NO_AXES)))
+
+
+def test_a_rolled_view_of_the_table_is_found_at_its_roll(rows, rolled):
+    """The law that a wrong sign anywhere breaks: theta, the face's axes, the turn about the normal."""
+    for features, R_true in zip(*rolled, strict=True):
+        assert errors(by_shape(features, rows), R_true)[0] < 4.0
+
+
+def test_a_cut_outline_does_not_undo_the_egi(rows, rolled):
+    """With no more to be said by outline, direction and size, the attitude stays among the candidates."""
+    for features, R_true in zip(*rolled, strict=True):
+        nowhere = features._replace(outline=np.ones(64, np.float32), area=features.area / 3, egi=features.egi / 3)
+        assert errors(by_shape(nowhere, rows, 64), R_true).min() < 20.0
+
+
+def test_without_an_outline_the_egi_finds_the_attitude_and_turns_it_to_face_as_seen(rows, see):
+    """Views of the table at its own rolls; tipped by 4 degrees, other facets come within the slant limit."""
+    R = roll_rotation(np.arange(7) * np.pi / 2) @ camera_rotation(dome(1).directions[::9])
+    tip = rotation(np.array([0.6, 0.8, 0.0]), np.radians(4.0))
+    for tipped, most, limit in ((np.eye(3), 1, 0.1), (tip, 6, 12.0)):
+        for features, R_true in zip(*see(tipped @ R), strict=True):
+            assert errors(by_egi(features, rows, most), R_true).min() < limit
+
+
+def test_a_cut_region_is_found_by_its_egi(rows, gem_table, as_features):
+    """Half of its facets hidden: what is left lies within the whole's EGI."""
+    row = int(np.flatnonzero(gem_table.attitude == 5 * 12)[0])
+    whole = as_features(gem_table, row)
+    cells = np.argsort(-whole.egi)
+    kept = np.where(np.isin(np.arange(len(cells)), cells[:60]), whole.egi, 0.0).astype(np.float32)
+    cut = whole._replace(egi=kept, area=kept.sum())
+    np.testing.assert_allclose(egi_elsewhere(jnp.asarray(kept), rows.egi)[row], 0.0, atol=1e-5)
+    assert row in by_egi(cut, rows, 8).row
+
+
+def test_candidates_are_rotations_that_give_the_region_its_mean_normal(rows, rolled):
+    features = rolled.features[2]
+    for found in (by_shape(features, rows, 50), by_egi(features, rows, 50)):
+        assert_rotation(found.R_ray_obj)
+        normal_obj = np.einsum("kij,ki->kj", rows.R_cam_obj[found.row], rows.mean_normal[found.row])
+        shown = np.einsum("kij,kj->ki", found.R_ray_obj, normal_obj)
+        np.testing.assert_allclose(shown, np.tile(features.mean_normal, (50, 1)), atol=1e-5)
+        assert (np.diff(found.log_likelihood) <= 0).all()
+        assert len(set(np.asarray(found.row).tolist())) == 50
+        assert (np.asarray(rows.area)[found.row] > 0).all()  # no padding
+
+
+def test_an_appearance_beside_itself_needs_no_turn(rows, gem_table, as_features):
+    seen = compare_shape(as_features(gem_table, 7), rows)
+    assert float(seen.tilt[7]) < 1e-3
+    assert float(seen.size[7]) == pytest.approx(0.0, abs=1e-6)
+    assert float(seen.distance[7, 0]) < 1e-3
+    assert float(seen.turn[7, 0]) == pytest.approx(0.0, abs=1e-3)
+    np.testing.assert_allclose(seen.direction[::16], [0, np.pi / 2, 0, np.pi / 2], atol=1e-6)
+
+
+def test_every_appearance_has_a_turn_within_its_roll(rows, gem_table, as_features):
+    for row in range(0, len(gem_table.attitude), 97):
+        allowed = within_roll(compare_shape(as_features(gem_table, row), rows).turn, ROLL_STEP)
+        assert np.asarray(allowed).any(axis=1).all()
+        assert np.asarray(allowed).sum(axis=1).max() <= 7  # of 64 directions, 30 degrees and a little
+
+
+def test_the_prior_of_groups_decides_between_like_appearances(gem_table, as_features):
+    group = np.arange(60) // 30
+    rows = appearance_arrays(gem_table, group)
+    features = as_features(gem_table, 7)
+    find = jax.jit(partial(shape_candidates, most=40, roll_step=ROLL_STEP))
+    for wanted in (0, 1):
+        prior = jnp.where(jnp.arange(2) == wanted, 0.0, -jnp.inf)
+        found = find(features, rows, prior, SCALES)
+        assert (np.asarray(rows.group)[found.row] == wanted).all()
