@@ -31,7 +31,6 @@ class ClassificationArrays(NamedTuple):
     error: Float[Array, "nodes"]
     visible: Float[Array, "nodes groups"]  # 1 where the group is on that side and kept
     hidden: Float[Array, "nodes groups"]
-    visible_share: Float[Array, "nodes"]  # of the node's views, those on the visible side
 
 
 class Classification(NamedTuple):
@@ -48,7 +47,6 @@ def classification_arrays(tree: InterpretationTree) -> ClassificationArrays:
     prior = np.where(kept, groups.view_count, 0.0)
     rule = np.array([[float(r == name) for name in RULE_NAMES] for r in nodes.rule], np.float32)
     active = np.array([r != PRUNED for r in nodes.rule], np.float32)[:, None]
-    views = np.stack([side @ prior for side in (nodes.visible, nodes.hidden)])
     return ClassificationArrays(
         samples=tuple(jnp.asarray(s) for s in tree.distributions.samples),
         bandwidth=tuple(jnp.asarray(b) for b in tree.distributions.bandwidth),
@@ -57,7 +55,6 @@ def classification_arrays(tree: InterpretationTree) -> ClassificationArrays:
         error=jnp.asarray(nodes.error, jnp.float32),
         visible=jnp.asarray((nodes.visible & kept) * active, jnp.float32),
         hidden=jnp.asarray((nodes.hidden & kept) * active, jnp.float32),
-        visible_share=jnp.asarray(np.where(active[:, 0] > 0, views[0] / np.maximum(views.sum(axis=0), 1.0), 0.5), jnp.float32),
     )
 
 
@@ -75,8 +72,7 @@ def classify(features: RegionFeatures, arrays: ClassificationArrays) -> Classifi
     active = jnp.sum(arrays.visible, axis=-1) > 0
     margin = jnp.where(active, side(arrays.visible) - side(arrays.hidden), 0.0)
     error = jnp.clip(arrays.error, CUT_REGION_ERROR, 0.5)
-    # a rule that errs in half of the cases says nothing: then each side has its share of the views
-    believed = (1.0 - 2.0 * error) * jax.nn.sigmoid(margin) + 2.0 * error * arrays.visible_share
+    believed = error + (1.0 - 2.0 * error) * jax.nn.sigmoid(margin)
     path = jnp.log(believed)[..., None] * arrays.visible + jnp.log1p(-believed)[..., None] * arrays.hidden
     total = jnp.sum(path, axis=1)
     kept = arrays.prior > 0

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from itree_jax.features import egi
-from itree_jax.features.egi import WIDTH, egi_cells, visible_cells
+from itree_jax.features.egi import MOST_PATCHES, WIDTH, egi_cells, spread_patches, visible_cells
 
 
 def extended_gaussian_image(normals, areas, cells) -> np.ndarray:
@@ -125,3 +125,53 @@ def test_pixels_off_the_region_have_no_mass() -> None:
     normals = np.float32([[0, 0, 0], [0, 0, -1]])
     image = extended_gaussian_image(normals, np.float32([0, 3]), visible_cells())
     assert float(image.sum()) == pytest.approx(3.0)
+
+
+def spread(normals, areas, most: int) -> tuple[np.ndarray, np.ndarray]:
+    arrays = (jnp.asarray(np.asarray(a, dtype=np.float32)) for a in (normals, areas))
+    return tuple(np.asarray(a) for a in spread_patches(*arrays, most))
+
+
+def numbered(there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Patches whose "normal" is their number, with area 1 + number where there is one."""
+    number = np.arange(len(there))
+    return np.tile(number[:, None], (1, 3)), np.where(there, 1.0 + number, 0.0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 20])
+def test_few_patches_are_all_taken_once_and_unchanged(count) -> None:
+    there = np.zeros(60, bool)
+    there[np.random.default_rng(count).choice(60, count, replace=False)] = True
+    normals, areas = numbered(there)
+    number, area = spread(normals, areas, 20)
+    assert number.shape == (20, 3)
+    assert number[:count, 0].tolist() == np.flatnonzero(there).tolist()
+    np.testing.assert_allclose(area[:count], areas[there], rtol=1e-6)
+    np.testing.assert_array_equal(area[count:], 0.0)
+
+
+@pytest.mark.parametrize("count", [21, 30, 40, 59])
+def test_of_many_patches_some_are_taken_at_even_steps_with_the_area_of_all(count) -> None:
+    there = np.zeros(60, bool)
+    there[np.random.default_rng(count).choice(60, count, replace=False)] = True
+    normals, areas = numbered(there)
+    number, area = spread(normals, areas, 20)
+    rank = np.cumsum(there)[number[:, 0].astype(int)]
+    assert there[number[:, 0].astype(int)].all()
+    assert set(np.diff(rank).tolist()) <= {count // 20, count // 20 + 1}
+    assert area.sum() == pytest.approx(areas.sum(), rel=1e-5)
+    own = areas[number[:, 0].astype(int)]
+    np.testing.assert_allclose(area / own, area.sum() / own.sum(), rtol=1e-5)
+
+
+def test_spread_pixels_of_a_region_have_nearly_the_egi_of_all() -> None:
+    """The largest region that a curved part can have: a sphere that fills the window, to a slant of 42 degrees."""
+    x, y = np.meshgrid(*[(np.arange(48) - 23.5) / 21.8] * 2)
+    inside = x**2 + y**2 < np.sin(np.radians(42)) ** 2
+    normals = np.stack([x, y, -np.sqrt(np.where(inside, 1 - x**2 - y**2, 1.0))], axis=-1).reshape(-1, 3)
+    areas = np.where(inside.ravel(), -1.0 / normals[:, 2], 0.0)
+    assert inside.sum() > 1.5 * MOST_PATCHES
+    whole = extended_gaussian_image(normals, areas, visible_cells())
+    some = extended_gaussian_image(*spread(normals, areas, MOST_PATCHES), visible_cells())
+    assert some.sum() == pytest.approx(whole.sum(), rel=1e-4)
+    assert np.abs(some - whole).sum() < 0.02 * whole.sum()

@@ -135,6 +135,7 @@ def test_all_rules_at_once_equal_each_on_its_own(three_groups):
 def test_the_bandwidth_is_scotts_on_the_spread_within_groups():
     rng = np.random.default_rng(0)
     group = np.repeat([0, 1], 500)
-    samples = rng.normal(0.0, [0.4, 1e-4], (1000, 2)) + 100.0 * group[:, None]  # the distance between groups is no spread
+    # the distance between groups is no spread
+    samples = rng.normal(0.0, [0.4, 1e-4], (1000, 2)) + 100.0 * group[:, None]
     expected = 0.4 * 500 ** (-1 / 6)
     np.testing.assert_allclose(kernel_bandwidth(samples, group), [expected, LEAST_BANDWIDTH], rtol=0.05)

@@ -37,7 +37,8 @@ def random_rotations(count: int, seed: int = 0) -> np.ndarray:
 
 
 def error(R, S, part) -> np.ndarray:
-    return np.asarray(attitude_error(jnp.asarray(R, jnp.float32), jnp.asarray(S, jnp.float32), *symmetry_arrays(symmetries(part))))
+    of_part = symmetry_arrays(symmetries(part))
+    return np.asarray(attitude_error(jnp.asarray(R, jnp.float32), jnp.asarray(S, jnp.float32), *of_part))
 
 
 def test_the_error_of_a_part_without_symmetry_is_the_angle_of_the_rotation_between():

@@ -7,8 +7,8 @@ import pytest
 from itree_kernels.errors import ItreeError
 
 from itree_jax.sensor import Noise
-from itree_jax.tree.draws import BRIGHTEST, interpreted, lit_images, noisy_draws, random_attitudes
 from itree_jax.tree.dome import dome
+from itree_jax.tree.draws import BRIGHTEST, interpreted, lit_images, noisy_draws, random_attitudes
 
 QUIET = Noise(full_well_e=1e9, read_noise_e=0.0, bits=24)
 
