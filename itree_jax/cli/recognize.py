@@ -132,11 +132,9 @@ def trees_for_more_lights(folder: Path, prepared: "Sequence[Prepared]", quiet: b
             continue
         old = known[0]
         if not quiet:
-            print(
-                f"itree: scene {folder.name} has {sensor.light_count} lights, the tree of '{old.part.name}' was compiled "
-                f"for {old.sensor.light_count}; compiling it for these",
-                file=sys.stderr,
-            )
+            known_for = f"the tree of '{old.part.name}' was compiled for {old.sensor.light_count}"
+            notice = f"scene {folder.name} has {sensor.light_count} lights, {known_for}; compiling it for these"
+            print(f"itree: {notice}", file=sys.stderr)
         digits = len(old.groups.identifying_faces)
         made.append(prepare(compile_tree(
             old.part, sensor, obj_id=obj_id, policy=old.policy, dome_frequency=old.groups.frequency, label_faces=digits,

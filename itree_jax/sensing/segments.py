@@ -26,7 +26,7 @@ def depth_segments(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> 
 def segment_centres(
     labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
 ) -> Float[np.ndarray, "regions 3"]:
-    """Mean surface point [mm], camera frame, of the segment that holds most of each region; the region's own if none."""
+    """Mean surface point [mm] of the segment that holds most of each region, camera frame; the region's own if none."""
     segments = depth_segments(depth, sensor)
     v, u = np.indices(depth.shape)
     X_cam = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth.astype(float))

@@ -23,7 +23,7 @@ def turned(angle: float, axis: str = "z", offset: tuple[float, float, float] = (
 
 
 def test_a_shift_is_its_length_and_a_turn_carries_the_rim():
-    assert same_part_distance(R, T + [0, 3, 4], R, T, NONE, DIAMETER) == pytest.approx(5.0)
+    assert same_part_distance(R, T + np.array([0, 3, 4]), R, T, NONE, DIAMETER) == pytest.approx(5.0)
     R_turned, t = turned(30.0)
     assert same_part_distance(R_turned, t, R, T, NONE, DIAMETER) == pytest.approx(np.radians(30) * DIAMETER / 2)
 
@@ -49,6 +49,6 @@ def test_an_equal_pose_takes_half_of_the_belief_unless_it_is_the_same(symmetries
 
 def test_a_clearly_worse_pose_or_one_elsewhere_is_no_rival():
     R_other, t_other = turned(180.0)
-    poses = np.stack([R, R_other, R_other]), np.stack([T, t_other, t_other + [40.0, 0.0, 0.0]])
+    poses = np.stack([R, R_other, R_other]), np.stack([T, t_other, t_other + np.array([40.0, 0.0, 0.0])])
     found, belief = rivals(0, np.array([900.0, 700.0, 900.0]), np.full(3, 1000.0), *poses, NONE, DIAMETER)
     assert (len(found), belief) == (0, 1.0)

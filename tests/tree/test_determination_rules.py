@@ -142,6 +142,18 @@ def test_a_rolled_view_of_the_table_is_found_at_its_roll(rows, rolled):
         assert errors(by_shape(features, rows), R_true)[0] < 4.0
 
 
+def test_where_an_outline_is_counted_from_does_not_matter_without_an_inertia_direction(rows, rolled):
+    """A round region's direction is anywhere: the outline alone then finds the turn."""
+    features, R_true = rolled.features[3], rolled.R_cam_obj[3]
+    round_off = SCALES._replace(least_uniqueness=jnp.float32(2.0))
+    for k in (0, 5, 23, 40, 63):
+        alpha = features.inertia.alpha + np.float32(2 * np.pi * k / 64)
+        counted = features._replace(
+            inertia=features.inertia._replace(alpha=alpha), outline=np.roll(features.outline, -k)
+        )
+        assert errors(by_shape(counted, rows, 1, round_off), R_true)[0] < 5.0
+
+
 def test_a_cut_outline_does_not_undo_the_egi(rows, rolled):
     """With no more to be said by outline, direction and size, the attitude stays among the candidates."""
     for features, R_true in zip(*rolled, strict=True):
