@@ -89,7 +89,8 @@ def as_markdown(groups: dict) -> str:
             f"{group[c]['percent']:.0f} % ({group[c]['low']:.0f}-{group[c]['high']:.0f})" if group[c]["total"] else "-"
             for c in COLUMNS
         ]
-        rest = (f"{group['rot_deg']:.3f} deg", f"{group['trans_mm']:.3f} mm", f"{group['time_s']:.1f}")
+        medians = (("rot_deg", "{:.3f} deg"), ("trans_mm", "{:.3f} mm"), ("time_s", "{:.1f}"))
+        rest = ("-" if group[key] is None else form.format(group[key]) for key, form in medians)
         lines.append(f"| {name} | {group['scenes']} | " + " | ".join([*rates, *rest]) + " |")
     return "\n".join(lines) + "\n"
 

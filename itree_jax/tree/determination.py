@@ -32,7 +32,7 @@ FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03)
 OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
 SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
 DRAWS_AT_ONCE = 64
-SCALE_DRAWS, ERROR_DRAWS = 25, 100  # per group, at most: each is compared with every appearance at every turn
+SCALE_DRAWS, ERROR_DRAWS = 25, 200  # per group, at most: each is compared with every appearance at every turn
 TURNS = 32  # about the mean normal, tried for the best one
 RULES = ("A1", "A2", "A4", "A5")
 
