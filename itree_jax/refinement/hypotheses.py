@@ -4,7 +4,6 @@ from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
-from itree_kernels.camera import Camera
 from jaxtyping import Float, Int
 
 from itree_jax.refinement.optimise import Hypotheses
@@ -105,13 +104,6 @@ def pose_distance(
     """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
     cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
     return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
-
-
-def region_point(
-    centroid_uv: Float[np.ndarray, "regions 2"], mean_depth: Float[np.ndarray, "regions"], camera: Camera
-) -> Float[np.ndarray, "regions 3"]:
-    """The mean surface point of each region in the camera frame [mm]."""
-    return camera.unproject(centroid_uv, mean_depth)
 
 
 def near_symmetries(

@@ -6,7 +6,7 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
 EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over so much (pixel steps are 90 degrees)
@@ -74,7 +74,6 @@ def observe(
     needle_weight: Float[np.ndarray, "height width"],
     depth: Float[np.ndarray, "height width"],
     jump: float,
-    known: Bool[np.ndarray, "height width"] | None = None,
 ) -> ObservedMaps:
     """Prepares one image. `jump` [mm]: the least depth step that counts as an occluding edge."""
     uv, direction, near = occluding_edges(depth, jump)

@@ -15,7 +15,6 @@ from itree_jax.refinement.hypotheses import (
     near_symmetries,
     place,
     pose_distance,
-    region_point,
     turned_about_axes,
 )
 from itree_jax.refinement.optimise import Hypotheses
@@ -102,7 +101,7 @@ def test_placing_puts_the_appearances_point_on_the_regions(kind):
     scale = 2.0 if kind == "orthographic" else 900.0
     camera = Camera(kind, scale, scale, 50.0, 40.0, 100, 80)
     uv, z = rng.uniform(0, 80, (4, 2)), rng.uniform(300, 500, 4)
-    X = region_point(uv, z, camera)
+    X = camera.unproject(uv, z)
     np.testing.assert_allclose(camera.project(X), uv, atol=1e-9)
     np.testing.assert_array_equal(X[:, 2], z)
     R_ray_obj, R_ray_cam = rotations(12, 1).reshape(4, 3, 3, 3), rotations(4, 2)
