@@ -1,0 +1,150 @@
+"""Edge map: "three edge maps can be obtained by differentiating three intensity maps" (Ikeuchi 1987, sec. 3.1).
+
+The maps of the lights are combined into one, which the work model "original edge relationship" is taken from and
+searched in (sec. 2.1.3, 3.3). An edge is a change of intensity, relative to the brighter side, that is confined to a
+pixel or two: a crease, a slot, a depth step, the border of a cast shadow. The shading of a curved face goes on over
+its neighbours, so that a pixel counts only what it has beyond them. The paper leaves its edge operator open.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from itree_jax.features.bilinear import bilinear
+
+# Change of intensity over two pixels, as a share of the brighter side, beyond what the neighbours have. At the pitch of
+# a window a cylinder changes by 5-10 % per pixel; the part that its neighbours don't share stays under 5 %. An edge
+# changes by 20 % or more, which counts half.
+NO_CONTRAST = 0.1
+FULL_CONTRAST = 0.3
+# Pure noise exceeds 4 standard deviations in exp(-4^2/2) = 3 of 10,000 pixels; an edge of 8 counts full.
+NOISE_STDS = 4.0
+SMOOTH = 0.1875  # 3/16, 10/16, 3/16 along the edge: the direction that 3 x 3 pixels give is then right within a degree
+NOISE_GAIN = (2.0 * (2.0 * SMOOTH**2 + (1.0 - 2.0 * SMOOTH) ** 2)) ** 0.5  # of one component of the difference
+SHADING_DISTANCE = 2.0  # [px]: the nearest place across the edge that a step no longer touches
+THINNING = 4  # power of the share of the largest response across the edge: half of it counts 1/16
+
+
+class EdgeMap(NamedTuple):
+    """Edges of a whole image or of a window; a batch has a leading axis on both fields."""
+
+    # Strength 0..1 times (cos 2 phi, sin 2 phi), phi the direction of the edge from x right toward y down: the same for
+    # both signs of contrast and both ways along the edge.
+    edges: Float[Array, "h w 2"]
+    # Share of the lights whose own map has this edge, 1/lights..1; 0 where there is none. A cast shadow shows under its
+    # light alone, creases and depth steps under most.
+    lights_share: Float[Array, "h w"]
+
+
+def edge_map(images: Float[Array, "lights h w"], image_std: Float[Array, "lights h w"] | float) -> EdgeMap:
+    """The edge map of one scene or window: the maps of all lights combined, where the strongest counts most.
+
+    Args:
+        images: linear intensities, one image per light.
+        image_std: standard deviation of their noise, in the same unit (`sensing.noise_model.intensity_std`).
+    """
+    std = jnp.broadcast_to(jnp.asarray(image_std, dtype=images.dtype), images.shape)
+    each = jax.vmap(_edges_of_one_light)(images, std)
+    strength = _length(each)
+    # Each light weighs with the square of its strength: one light alone keeps its strength, equal ones share it.
+    weight = jnp.sum(strength**2, axis=0)
+    edges = jnp.sum(each * (strength**2)[..., None], axis=0) / jnp.where(weight > 0, weight, 1.0)[..., None]
+    return EdgeMap(edges, _lights_share(each, edges))
+
+
+def seen_by(edge_map: EdgeMap, lights: int, least: int = 2) -> Float[Array, "h w 2"]:
+    """The edges that at least `least` of `lights` lights show, which leaves out the borders of most cast shadows.
+
+    Edges fade in over the last half light, so that the result has a derivative.
+    """
+    shown = _rise((edge_map.lights_share * lights - (least - 0.75)) / 0.5)
+    return edge_map.edges * shown[..., None]
+
+
+def _edges_of_one_light(image: Float[Array, "h w"], std: Float[Array, "h w"]) -> Float[Array, "h w 2"]:
+    """Strength times double-angle direction of the edges in one intensity map."""
+    around = _neighbourhood(image)
+    gradient = _differences(around)
+    change = _length(gradient)
+    normal = gradient / jnp.where(change > 0, change, 1.0)[..., None]
+
+    def beside(distance: float) -> Float[Array, "h w"]:
+        """The larger change, of the same sign, at this distance across the edge to either side."""
+        there = (_sampled_along(gradient, normal, d) for d in (distance, -distance))
+        return jnp.maximum(*there)
+
+    confined = jnp.maximum(change - jnp.maximum(beside(SHADING_DISTANCE), 0.0), 0.0)
+    brighter = jnp.maximum(jnp.max(around, axis=0), 0.0)
+    noise = NOISE_STDS * NOISE_GAIN * jnp.max(_neighbourhood(std), axis=0)
+    range_ = (FULL_CONTRAST - NO_CONTRAST) * brighter + noise
+    strength = _rise((confined - NO_CONTRAST * brighter - noise) / jnp.where(range_ > 0, range_, 1.0))
+    largest = jnp.maximum(change, beside(1.0))
+    thin = (change / jnp.where(largest > 0, largest, 1.0)) ** THINNING
+
+    # The gradient points across the edge: a quarter turn is a half turn of the double angle.
+    c, s = normal[..., 0], normal[..., 1]
+    rough = -jnp.stack([c**2 - s**2, 2.0 * c * s], axis=-1) * (strength * thin)[..., None]
+    # Steps of whole pixels make the direction of one pixel jump; its neighbours along the edge settle it.
+    mean = jnp.stack([_blurred(_blurred(rough[..., k])) for k in range(2)], axis=-1)
+    length = _length(mean)
+    return mean * (strength * thin / jnp.where(length > 0, length, 1.0))[..., None]
+
+
+def _lights_share(each: Float[Array, "lights h w 2"], edges: Float[Array, "h w 2"]) -> Float[Array, "h w"]:
+    """How many of the lights show `edges`, a pixel beside included, in its direction and as strongly."""
+    squared = jnp.sum(edges**2, axis=-1)
+    agree = jax.vmap(lambda light: _agreement(light, edges))(each)
+    shown = jnp.clip(agree / jnp.where(squared > 0, squared, 1.0)[None], 0.0, 1.0)
+    return jnp.mean(shown, axis=0)
+
+
+def _agreement(light: Float[Array, "h w 2"], edges: Float[Array, "h w 2"]) -> Float[Array, "h w"]:
+    """Largest inner product of an edge with those of one light in the 3 x 3 pixels around it."""
+    beside = jnp.stack([_neighbourhood(light[..., k]) for k in range(2)], axis=-1)
+    return jnp.max(jnp.sum(beside * edges[None], axis=-1), axis=0)
+
+
+def _differences(around: Float[Array, "9 h w"]) -> Float[Array, "h w 2"]:
+    """Central differences over two pixels (x, y), smoothed along the edge."""
+    a = around
+    x = SMOOTH * (a[2] - a[0] + a[8] - a[6]) + (1.0 - 2.0 * SMOOTH) * (a[5] - a[3])
+    y = SMOOTH * (a[6] - a[0] + a[8] - a[2]) + (1.0 - 2.0 * SMOOTH) * (a[7] - a[1])
+    return jnp.stack([x, y], axis=-1)
+
+
+def _sampled_along(
+    gradient: Float[Array, "h w 2"], normal: Float[Array, "h w 2"], distance: float
+) -> Float[Array, "h w"]:
+    """Change in the direction of each pixel's `normal`, `distance` [px] away along it."""
+    height, width = gradient.shape[:2]
+    x = jnp.arange(width, dtype=gradient.dtype)[None, :] + distance * normal[..., 0]
+    y = jnp.arange(height, dtype=gradient.dtype)[:, None] + distance * normal[..., 1]
+    return sum((bilinear(gradient[..., k], x, y) * normal[..., k] for k in range(2)), jnp.zeros_like(x))
+
+
+def _neighbourhood(image: Float[Array, "h w"]) -> Float[Array, "9 h w"]:
+    """The 3 x 3 pixels around every pixel, row by row; the image's rim is repeated outward, which makes no edge."""
+    height, width = image.shape
+    framed = jnp.pad(image, 1, mode="edge")
+    return jnp.stack([framed[i : i + height, j : j + width] for i in range(3) for j in range(3)])
+
+
+def _blurred(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
+    """1/4, 1/2, 1/4 both ways."""
+    a = _neighbourhood(image)
+    return (a[0] + a[2] + a[6] + a[8] + 2.0 * (a[1] + a[3] + a[5] + a[7]) + 4.0 * a[4]) / 16.0
+
+
+def _rise(t: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """0 up to 0, 1 from 1 on, with a continuous derivative."""
+    t = jnp.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _length(vector: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+    """Euclidean length; its derivative at 0 is 0."""
+    squared = jnp.sum(vector**2, axis=-1)
+    return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1.0)), 0.0)
