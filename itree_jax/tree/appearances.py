@@ -6,7 +6,6 @@ the paper's work models at representative attitudes, taken at many.
 
 from dataclasses import dataclass
 
-import cv2
 import jax
 import numpy as np
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
@@ -15,14 +14,23 @@ from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures, measure_batch
+from itree_jax.features.relation import BROTHER_FIELDS, brothers
 from itree_jax.features.window import Window
 from itree_jax.sensing.reaching import LIGHTS_NEEDED
 from itree_jax.sensor import Sensor
 from itree_jax.tree.groups import roll_rotation
+from itree_jax.tree.sights import (
+    Region,
+    describe_region,
+    largest_regions,
+    needle_deviation,
+    window_edges,
+    window_images,
+)
 
 WINDOW_SIZE = 48  # pixels across the largest extent of the part: 2 % of its size, and a region has hundreds of them
 WINDOW_MARGIN = 1.1  # the window is this much wider than the part, so that noise at its rim isn't cut
-MOST_REGIONS = 3  # regions kept per attitude, the largest ones
+STORED_BROTHERS = 2  # other regions of an attitude: no more than three are kept
 BATCH = 256  # windows measured at once
 VIEWS_AT_ONCE = 256  # bounds memory: 48 x 48 pixels x 256 views x 25 bytes = 15 MB
 
@@ -44,6 +52,11 @@ class Appearances:
     inertia: Float[np.ndarray, "regions 4"]  # I_max, I_min [mm^4], alpha [rad], uniqueness
     outline: Float[np.ndarray, "regions n_theta"]  # d(theta) [mm]
     centroid_obj: Float[np.ndarray, "regions 3"]  # mean of the region's surface points, part frame [mm]
+    shares: Float[np.ndarray, "regions 5"]  # per surface characteristic
+    characteristic_map: Float[np.ndarray, "regions 5 32 5"]  # [mm^2] per polar cell
+    edge_map: Float[np.ndarray, "regions 5 32 3"]  # [mm] per polar cell
+    brothers: Float[np.ndarray, "regions 2 6"]  # the attitude's other regions, see `features.relation`
+    face_area: Float[np.ndarray, "attitudes faces"]  # detectable [mm^2 in the image plane]
 
 
 def window_camera(reach: float) -> tuple[Camera, float]:
@@ -58,16 +71,6 @@ def turned(R_cam_obj: Float[np.ndarray, "views 3 3"], rolls: int) -> Float[np.nd
     return np.einsum("kij,vjl->vkil", roll_rotation(2.0 * np.pi * np.arange(rolls) / rolls), R_cam_obj)
 
 
-def largest_regions(
-    mask: Bool[np.ndarray, "s s"], least_pixels: float, most: int = MOST_REGIONS
-) -> list[Bool[np.ndarray, "s s"]]:
-    """8-connected regions of at least this many pixels, the largest first."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA]
-    order = [k for k in np.argsort(-areas, kind="stable") if areas[k] >= least_pixels][:most]
-    return [labels == k + 1 for k in order] if count > 1 else []
-
-
 def interpretable(shapes: ApparentShapes, sensor: Sensor) -> Bool[np.ndarray, "views s s"]:
     """Pixels of orthographic views that get a needle: lit by three lights or more, slant under the limit.
 
@@ -76,16 +79,6 @@ def interpretable(shapes: ApparentShapes, sensor: Sensor) -> Bool[np.ndarray, "v
     """
     facing = -shapes.normal[..., 2] > np.cos(sensor.slant_limit)
     return facing & (shapes.lit.sum(axis=1) >= LIGHTS_NEEDED)
-
-
-def region_points(
-    shapes: ApparentShapes, view: int, mask: Bool[np.ndarray, "s s"], camera: Camera,
-    R_cam_obj: Float[np.ndarray, "3 3"],
-) -> Float[np.ndarray, "3"]:
-    """Mean surface point of a region in the part frame [mm]; the part's origin is at depth 0 of the camera."""
-    v, u = np.nonzero(mask)
-    X_cam = camera.unproject(np.stack([u, v], axis=-1).astype(float), shapes.depth[view][mask].astype(float))
-    return R_cam_obj.T @ X_cam.mean(axis=0)
 
 
 def appearances(
@@ -104,20 +97,31 @@ def appearances(
     camera, pitch = window_camera(reach)
     R_all = turned(R_cam_obj, rolls).reshape(-1, 3, 3)
     least = sensor.smallest_region / pitch**2
-    attitude, masks, normals, centroids = [], [], [], []
+    attitude, masks, normals, lines, centroids, areas, regions = [], [], [], [], [], [], []
     for first in range(0, len(R_all), VIEWS_AT_ONCE):
         R = R_all[first : first + VIEWS_AT_ONCE]
         shapes = cast_apparent_shapes(
             mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit
         )
         seen = interpretable(shapes, sensor)
+        images = window_images(shapes.face >= 0, shapes.normal, shapes.lit, sensor)
+        filled = np.zeros((VIEWS_AT_ONCE, *images.shape[:1], *images.shape[2:]), np.float32)
+        filled[: len(R)] = np.moveaxis(images, 0, 1)
+        edges = np.asarray(window_edges(filled, sensor.noise))
+        areas.append(face_areas(shapes, mesh, pitch))
         for k in range(len(R)):
-            for mask in largest_regions(seen[k], least):
+            found = [
+                describe_region(mask, shapes.normal[k], shapes.depth[k], camera)
+                for mask in largest_regions(seen[k], least)
+            ]
+            regions.append(found)
+            for region in found:
                 attitude.append(first + k)
-                masks.append(mask)
-                normals.append(np.where(mask[..., None], shapes.normal[k], 0.0))
-                centroids.append(region_points(shapes, k, mask, camera, R[k]))
-    features = measured(masks, normals, pitch)
+                masks.append(region.mask)
+                normals.append(np.where(region.mask[..., None], shapes.normal[k], 0.0))
+                lines.append(edges[k])
+                centroids.append(R[k].T @ region.centre)
+    features = measured(masks, normals, lines, pitch, needle_deviation(sensor.noise))
     return Appearances(
         R_cam_obj=R_all.astype(np.float32),
         view=np.repeat(view, rolls).astype(np.int32),
@@ -129,7 +133,37 @@ def appearances(
         inertia=inertia_table(features),
         outline=np.asarray(features.outline),
         centroid_obj=np.array(centroids, np.float32).reshape(-1, 3),
+        shares=np.asarray(features.shares),
+        # half precision: they are compared by correlation, and are most of a tree's bytes
+        characteristic_map=np.asarray(features.characteristic_map, np.float16),
+        edge_map=np.asarray(features.edge_map, np.float16),
+        brothers=brothers_of_each(regions, features.inertia.alpha),
+        face_area=np.concatenate(areas).astype(np.float32),
     )
+
+
+def brothers_of_each(
+    regions: list[list[Region]], alpha: Float[np.ndarray, "regions"]
+) -> Float[np.ndarray, "regions 2 6"]:
+    """The other regions of every region's attitude; `alpha` runs over all regions, attitude by attitude."""
+    found, first = [np.zeros((0, STORED_BROTHERS, BROTHER_FIELDS), np.float32)], 0
+    for one in regions:
+        own = np.asarray(alpha)[first : first + len(one)]
+        if one:
+            centre, normal = np.array([r.centre for r in one]), np.array([r.normal for r in one])
+            every = brothers(centre, normal, own, np.array([r.area for r in one]), np.inf)
+            found.append(every[:, :STORED_BROTHERS])
+        first += len(one)
+    return np.concatenate(found)
+
+
+def face_areas(shapes: ApparentShapes, mesh: RayMesh, pitch: float) -> Float[np.ndarray, "views faces"]:
+    """Detectable area of every component face in each view [mm^2 in the image plane]."""
+    count = int(np.asarray(mesh.face_of_triangle).max()) + 1
+    return np.array([
+        np.bincount(face[mask], minlength=count) * pitch**2
+        for face, mask in zip(shapes.face, shapes.detectable, strict=True)
+    ])  # fmt: skip
 
 
 def mesh_reach(mesh: RayMesh) -> float:
@@ -137,15 +171,18 @@ def mesh_reach(mesh: RayMesh) -> float:
     return float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 
-def measured(masks: list, normals: list, pitch: float) -> RegionFeatures:
+def measured(masks: list, normals: list, edges: list, pitch: float, needle_std: float) -> RegionFeatures:
     """Features of many windows as NumPy arrays, measured in batches of one size so that one shape is compiled."""
     size, parts = WINDOW_SIZE, []
     for first in range(0, max(1, len(masks)), BATCH):
         mask, normal = np.zeros((BATCH, size, size), bool), np.zeros((BATCH, size, size, 3), np.float32)
+        line = np.zeros((BATCH, size, size, 2), np.float32)
         count = len(masks[first : first + BATCH])
         if count:
             mask[:count], normal[:count] = masks[first : first + BATCH], normals[first : first + BATCH]
-        features = measure_batch(Window(mask, normal, np.full(BATCH, pitch, np.float32)))
+            line[:count] = edges[first : first + BATCH]
+        window = Window(mask, normal, np.full(BATCH, pitch, np.float32))
+        features = measure_batch(window, line, np.float32(needle_std))
         parts.append(jax.tree.map(lambda a, n=count: np.asarray(a)[:n], features))
     return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 

@@ -1,7 +1,9 @@
-"""Classification rules L1-L3: what each compares, and how likely a region is under every attitude group (sec. 2.1.4).
+"""Classification rules L1-L7: what each compares, how likely a region is under every attitude group, and its cost
+(Ikeuchi 1987, sec. 2.1.4).
 
-Each rule turns a region's work models into a short vector that no rotation in the image changes. Its distribution under
-a group is the set of vectors that noisy draws of the group gave, smoothed by a Gaussian kernel.
+L1-L5 compare distributions: each turns a region's work models into a short vector that no rotation in the image
+changes, and a mirrored view would not change either. L6 and L7 compare relations, for which a region is laid beside the
+work models of every group: quantity k is the agreement with group k's.
 """
 
 from collections.abc import Callable
@@ -9,50 +11,89 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.nn import logsumexp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
+from itree_jax.features.curvature_classes import CHARACTERISTICS
+from itree_jax.features.polar import RADII
 from itree_jax.features.region import RegionFeatures
+from itree_jax.tree.likelihood import group_log_likelihood, relational_log_likelihood
+from itree_jax.tree.work_models import (
+    GroupModels,
+    each_region,
+    edge_characteristic_agreement,
+    relation_agreement,
+)
 
 OUTLINE_HARMONICS = 5  # of d(theta): beyond it a window of 48 pixels holds mostly its own raster
-BEYOND_KERNELS = -0.5 * 6.0**2
 REGIONS_AT_ONCE = 16  # of regions compared with all draws of all groups
-LEAST_BANDWIDTH = 0.02  # 2 % of a length, 1 degree: what two exposures of one region differ by at least
+PAIR = "+"  # joins the names of two rules that are used together
 
 
 @dataclass(frozen=True)
 class ClassificationRule:
-    """One of L1..L7: a name, the relative cost of measuring it, and the vector it compares."""
+    """One of L1..L7: a name, the relative cost of measuring it, and what it compares."""
 
     name: str
     title: str
     cost: float  # relative to L1
-    quantity_names: tuple[str, ...]
-    quantity: Callable[[RegionFeatures], Float[Array, "regions d"]]
+    quantity_names: tuple[str, ...]  # empty: one agreement per group
+    quantity: Callable[[RegionFeatures, GroupModels], Float[Array, "regions d"]]
+
+    @property
+    def relational(self) -> bool:
+        """Whether quantity k is the agreement with group k's work models."""
+        return not self.quantity_names
 
 
-def inertia_quantity(features: RegionFeatures) -> Float[Array, "regions 2"]:
+def inertia_quantity(features: RegionFeatures, models: GroupModels | None = None) -> Float[Array, "regions 2"]:
     """L1: the principal moments of the original face, as logarithms of lengths."""
     inertia = features.inertia
     moments = jnp.stack([inertia.I_max, inertia.I_min], axis=-1)
     return 0.25 * jnp.log(jnp.maximum(moments, 1.0))
 
 
-def shape_quantity(features: RegionFeatures) -> Float[Array, "regions d"]:
+def shape_quantity(features: RegionFeatures, models: GroupModels | None = None) -> Float[Array, "regions d"]:
     """L2: size and harmonics of d(theta). Amplitudes don't know where theta starts, so no rotation changes them."""
     spectrum = jnp.abs(jnp.fft.rfft(features.outline, axis=-1))[..., : OUTLINE_HARMONICS + 1]
     mean = jnp.maximum(spectrum[..., :1], 1e-6)
     return jnp.concatenate([jnp.log(mean), 2.0 * spectrum[..., 1:] / mean], axis=-1)
 
 
-def egi_quantity(features: RegionFeatures) -> Float[Array, "regions 4"]:
+def egi_quantity(features: RegionFeatures, models: GroupModels | None = None) -> Float[Array, "regions 4"]:
     """L3: spread and mass of the extended Gaussian image, in every frame the same."""
     shortfall = 1.0 - jnp.sum(features.mass_centre**2, axis=-1)
     spread = jnp.sqrt(jnp.maximum(shortfall, 0.0))
     scatter = jnp.sqrt(jnp.maximum(features.normal_scatter, 0.0))
     mass = 0.5 * jnp.log(jnp.maximum(features.area, 1.0))
     return jnp.concatenate([spread[..., None], scatter, mass[..., None]], axis=-1)
+
+
+def characteristic_quantity(features: RegionFeatures, models: GroupModels | None = None) -> Float[Array, "regions 5"]:
+    """L4: how much of the surface is planar, cylindrical, elliptic or hyperbolic."""
+    return features.shares
+
+
+def edge_quantity(features: RegionFeatures, models: GroupModels | None = None) -> Float[Array, "regions 4"]:
+    """L5: length of the edges, how far out they lie, and how they run against the radius."""
+    cells = features.edge_map
+    ring = jnp.arange(RADII, dtype=cells.dtype) / RADII
+    by_ring = jnp.sum(cells[..., 0], axis=-1)
+    length = jnp.sum(by_ring, axis=-1)
+    safe = jnp.maximum(length, 1e-3)
+    mean = by_ring @ ring / safe
+    spread = jnp.sqrt(jnp.maximum(by_ring @ ring**2 / safe - mean**2, 1e-6))
+    radial = jnp.sum(cells[..., 1], axis=(-2, -1)) / safe
+    return jnp.stack([0.25 * jnp.log1p(length), mean, spread, 0.5 * radial], axis=-1)
+
+
+def relation_quantity(features: RegionFeatures, models: GroupModels) -> Float[Array, "regions groups"]:
+    """L6: agreement of the regions beside it with the brothers that each group shows."""
+    return each_region(relation_agreement, features, models)
+
+
+def edge_relation_quantity(features: RegionFeatures, models: GroupModels) -> Float[Array, "regions groups"]:
+    """L7: agreement of edges and surface characteristics, where they lie to one another."""
+    return each_region(edge_characteristic_agreement, features, models)
 
 
 CLASSIFICATION_RULES = (
@@ -64,34 +105,25 @@ CLASSIFICATION_RULES = (
     ClassificationRule(
         "L3", "extended Gaussian image", 3.0, ("spread", "scatter 1", "scatter 2", "log mass / 2"), egi_quantity
     ),
+    ClassificationRule("L4", "surface characteristic distribution", 4.0, CHARACTERISTICS, characteristic_quantity),
+    ClassificationRule(
+        "L5", "edge distribution", 5.0, ("log length / 4", "mean radius", "spread of radii", "radial"), edge_quantity
+    ),
+    ClassificationRule("L6", "region distribution", 6.0, (), relation_quantity),
+    ClassificationRule("L7", "edges relative to surface characteristics", 8.0, (), edge_relation_quantity),
 )
 RULE_NAMES = tuple(rule.name for rule in CLASSIFICATION_RULES)
 
 
-def kernel_bandwidth(samples: Float[np.ndarray, "draws d"], group: Int[np.ndarray, "draws"]) -> Float[np.ndarray, "d"]:
-    """Scott's rule on the spread within groups, not under what one more exposure would change."""
-    within = np.sqrt(np.mean([samples[group == g].var(axis=0) for g in np.unique(group)], axis=0))
-    per_group = len(samples) / len(np.unique(group))
-    scott = per_group ** (-1.0 / (samples.shape[1] + 4))
-    return np.maximum(scott * within, LEAST_BANDWIDTH).astype(np.float32)
-
-
-def group_log_likelihood(
-    quantity: Float[Array, "regions d"], samples: Float[Array, "groups draws d"], bandwidth: Float[Array, "d"]
-) -> Float[Array, "regions groups"]:
-    """log p(quantity | group) by kernel density over the group's draws (NaN rows pad groups with fewer draws)."""
-    z = (quantity[:, None, None, :] - samples[None]) / bandwidth
-    missing = jnp.isnan(samples[..., 0])
-    exponent = jnp.where(missing[None], -jnp.inf, -0.5 * jnp.sum(jnp.where(jnp.isnan(z), 0.0, z) ** 2, axis=-1))
-    count = jnp.maximum(jnp.sum(~missing, axis=-1), 1)
-    # beyond every kernel all groups are equally unlikely: a floor at 6 sigma keeps the logarithm finite
-    return jnp.maximum(logsumexp(exponent, axis=-1), BEYOND_KERNELS) - jnp.log(count)
+def rules_in(name: str) -> tuple[int, ...]:
+    """Indices of the rules that a node's rule is made of: "L1", or a pair such as "L1+L6"."""
+    return tuple(RULE_NAMES.index(one) for one in name.split(PAIR))
 
 
 @jax.jit
-def quantities(features: RegionFeatures) -> tuple[Float[Array, "regions d"], ...]:
+def quantities(features: RegionFeatures, models: GroupModels) -> tuple[Float[Array, "regions d"], ...]:
     """What every rule compares, in the order of `CLASSIFICATION_RULES`."""
-    return tuple(rule.quantity(features) for rule in CLASSIFICATION_RULES)
+    return tuple(rule.quantity(features, models) for rule in CLASSIFICATION_RULES)
 
 
 @jax.jit
@@ -99,11 +131,20 @@ def log_likelihoods(
     measured: tuple[Float[Array, "regions d"], ...],
     samples: tuple[Float[Array, "groups draws d"], ...],
     bandwidth: tuple[Float[Array, "d"], ...],
+    prior: Float[Array, "groups"],
 ) -> Float[Array, "rules regions groups"]:
-    """`group_log_likelihood` of every rule, a few regions at a time, which bounds its memory."""
+    """log p(quantity | group) of every rule, a few regions at a time, which bounds its memory.
 
-    def one(quantity):
-        each = zip(quantity, samples, bandwidth, strict=True)
-        return jnp.stack([group_log_likelihood(q[None], s, h)[0] for q, s, h in each])
+    `prior` (share of the views) weighs the groups that a relational rule takes as background.
+    """
+
+    def one(quantity: tuple) -> Array:
+        found = []
+        for rule, q, s, h in zip(CLASSIFICATION_RULES, quantity, samples, bandwidth, strict=True):
+            found.append(
+                relational_log_likelihood(q, s, h, prior) if rule.relational
+                else group_log_likelihood(q[None], s, h)[0]
+            )
+        return jnp.stack(found)
 
     return jnp.moveaxis(jax.lax.map(one, measured, batch_size=REGIONS_AT_ONCE), 0, 1)

@@ -1,38 +1,60 @@
 """Noisy draws: regions as the sensor would measure them, for distributions and error rates.
 
 A draw is an attitude rendered under every light, given the sensor's noise, read by photometric stereo and cut into
-regions again: what recognition will see of an unoccluded part.
+regions again. Half of the draws stand alone (what recognition sees of a part that lies on top), half beside another
+part that hides some of them and casts its shadow (what it sees of the rest of a bin).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
 from itree_kernels.apparent import cast_apparent_shapes
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh
-from itree_kernels.noise import sensor_noise
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.features.region import RegionFeatures
-from itree_jax.sensing.photometric import photometric_stereo
+from itree_jax.features.region import RegionFeatures, with_brothers
+from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
-from itree_jax.tree.appearances import VIEWS_AT_ONCE, largest_regions, measured, mesh_reach, window_camera
+from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
 from itree_jax.tree.dome import camera_rotation
 from itree_jax.tree.groups import roll_rotation
+from itree_jax.tree.neighbours import Views, alone, with_neighbours
+from itree_jax.tree.sights import (
+    Region,
+    describe_region,
+    largest_regions,
+    needle_deviation,
+    noisy,
+    read,
+    window_edges,
+    window_images,
+)
 
-BRIGHTEST = 0.7  # of full scale: an exposure that leaves room for highlights
-PIXELS_AT_ONCE = (256, 256)  # solved in one call, so that one shape is compiled; background pixels are left out
+BESIDE_REACH = 2.0  # of the part's reach: no region of the same part is farther away
 
 
 @dataclass(frozen=True)
 class Draws:
-    """One target region (the largest) per draw that shows any."""
+    """One target region (the largest of the part) per draw that shows any."""
 
     features: RegionFeatures  # leading axis draws, camera frame
     group: Int[np.ndarray, "draws"]  # true attitude group
     R_cam_obj: Float[np.ndarray, "draws 3 3"]  # true attitude
+    cut: Bool[np.ndarray, "draws"]  # another part hides or shades some of it
+    face_area: Float[np.ndarray, "draws faces"]  # really detectable, the neighbour left out [mm^2 in the image plane]
     empty: int  # draws that showed no region
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Draws":
+        features = jax.tree.map(lambda a: np.asarray(a)[index], self.features)
+        return Draws(
+            features, self.group[index], self.R_cam_obj[index], self.cut[index], self.face_area[index], self.empty
+        )
+
+    def regrouped(self, group: Int[np.ndarray, "draws"]) -> "Draws":
+        """The same draws with other true groups; -1 leaves a draw out."""
+        return replace(self, group=group).take(np.flatnonzero(group >= 0))
 
 
 def random_attitudes(
@@ -51,61 +73,93 @@ def random_attitudes(
 
 def noisy_draws(
     mesh: RayMesh, sensor: Sensor, R_cam_obj: Float[np.ndarray, "draws 3 3"], group: Int[np.ndarray, "draws"],
-    rng: np.random.Generator,
+    rng: np.random.Generator, cut: bool = True,
 ) -> Draws:
-    """Renders, adds noise, solves and measures the largest region of every draw.
+    """Renders, adds noise, solves and measures the largest region of every draw; with `cut`, every second draw stands
+    beside another one.
 
     Raises ItreeError when none shows a region: the sensor's noise hides the part.
     """
-    camera, pitch = window_camera(mesh_reach(mesh))
+    reach = mesh_reach(mesh)
+    camera, pitch = window_camera(reach)
     least = sensor.smallest_region / pitch**2
-    masks, normals, kept = [], [], []
-    for first in range(0, len(R_cam_obj), VIEWS_AT_ONCE):
-        R = R_cam_obj[first : first + VIEWS_AT_ONCE]
+    found = _Found()
+    order = rng.permutation(len(R_cam_obj))  # a neighbour is a view of any group
+    for first in range(0, len(order), VIEWS_AT_ONCE):
+        batch = order[first : first + VIEWS_AT_ONCE]
+        R = R_cam_obj[batch]
         shapes = cast_apparent_shapes(
             mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit
         )
-        there = shapes.face >= 0
-        images = lit_images(shapes.normal[there], np.moveaxis(shapes.lit, 1, -1)[there].T, sensor)
-        detectable, needles = np.zeros(there.shape, bool), np.zeros((*there.shape, 3), np.float32)
-        detectable[there], needles[there] = interpreted(images, sensor, int(rng.integers(2**31)))
+        views = alone(shapes)
+        is_cut = (np.arange(len(R)) % 2 == 1) & cut & (len(R) > 1)
+        if is_cut.any():
+            beside = with_neighbours(views, sensor.light_directions, pitch, reach, rng)
+            views = Views(*(np.where(is_cut.reshape(-1, *[1] * (a.ndim - 1)), b, a)
+                            for a, b in zip(views, beside, strict=True)))  # fmt: skip
+        images = noisy(window_images(views.there, views.normal, views.lit, sensor), sensor, int(rng.integers(2**31)))
+        detectable, needles = np.zeros(views.there.shape, bool), np.zeros(views.normal.shape, np.float32)
+        detectable[views.there], needles[views.there] = read(images[:, views.there], sensor)
+        edges = np.asarray(window_edges(padded(np.moveaxis(images, 0, 1), VIEWS_AT_ONCE), sensor.noise))
+        areas = face_areas(shapes, mesh, pitch)
         for k in range(len(R)):
-            regions = largest_regions(detectable[k], least, most=1)
-            if regions:
-                kept.append(first + k)
-                masks.append(regions[0])
-                normals.append(np.where(regions[0][..., None], needles[k], 0.0))
-    if not kept:
+            own = largest_regions(detectable[k] & views.own[k], least)
+            if own:
+                foreign = largest_regions(detectable[k] & ~views.own[k], least, most=1)
+                regions = [describe_region(m, needles[k], views.depth[k], camera) for m in (*own, *foreign)]
+                found.add(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k]))
+    if not found.index:
         raise ItreeError(
             f"Under the sensor's noise ({sensor.noise}) none of {len(R_cam_obj)} views of the part shows a region. "
             "Check the noise of the sensor, or lower its smallest region."
         )
-    index = np.array(kept, int)
-    return Draws(measured(masks, normals, pitch), group[index], R_cam_obj[index], len(R_cam_obj) - len(index))
+    return found.draws(R_cam_obj, group, pitch, reach, sensor)
 
 
-def lit_images(
-    normal: Float[np.ndarray, "pixels 3"], lit: Bool[np.ndarray, "lights pixels"], sensor: Sensor
-) -> Float[np.ndarray, "lights pixels"]:
-    """Lambertian intensities, exposed so that the brightest light gives `BRIGHTEST` on a surface that faces it."""
-    relative = sensor.light_intensities / sensor.light_intensities.max()
-    cosine = sensor.light_directions @ normal.T
-    return (BRIGHTEST * relative[:, None] * np.maximum(cosine, 0.0) * lit).astype(np.float32)
+class _Found:
+    """Draws while they are gathered."""
+
+    def __init__(self) -> None:
+        self.index: list[int] = []
+        self.masks, self.normals, self.edges, self.areas = [], [], [], []
+        self.regions: list[list[Region]] = []
+        self.cut: list[bool] = []
+
+    def add(self, index: int, regions: list[Region], needles: np.ndarray, edges: np.ndarray, areas: np.ndarray,
+            cut: bool) -> None:
+        mask = regions[0].mask
+        self.index.append(index)
+        self.masks.append(mask)
+        self.normals.append(np.where(mask[..., None], needles, 0.0))
+        self.edges.append(edges)
+        self.areas.append(areas)
+        self.regions.append(regions)
+        self.cut.append(cut)
+
+    def draws(self, R_cam_obj: np.ndarray, group: np.ndarray, pitch: float, reach: float, sensor: Sensor) -> Draws:
+        index = np.array(self.index, int)
+        features = measured(self.masks, self.normals, self.edges, pitch, needle_deviation(sensor.noise))
+        beside = first_brothers(self.regions, features.inertia.alpha, BESIDE_REACH * reach)
+        order = np.argsort(index, kind="stable")
+        found = Draws(
+            with_brothers(features, beside), group[index], R_cam_obj[index], np.array(self.cut),
+            np.array(self.areas), len(R_cam_obj) - len(index),
+        )
+        return found.take(order)
 
 
-def interpreted(
-    images: Float[np.ndarray, "lights pixels"], sensor: Sensor, seed: int
-) -> tuple[Bool[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """What photometric stereo makes of the pixels under the sensor's noise: which are detectable, and their needles."""
-    noise, relative = sensor.noise, sensor.light_intensities / sensor.light_intensities.max()
-    images = sensor_noise(images, noise.full_well_e, noise.read_noise_e, noise.bits, seed)
-    lights, count = images.shape
-    chunk = PIXELS_AT_ONCE[0] * PIXELS_AT_ONCE[1]
-    padded = np.pad(images, ((0, 0), (0, -count % chunk)))
-    parts = []
-    for first in range(0, padded.shape[1], chunk):
-        image = padded[:, first : first + chunk].reshape(lights, *PIXELS_AT_ONCE)
-        needles = photometric_stereo(image, sensor.light_directions, relative, noise, sensor.slant_limit)
-        parts.append(jax.device_get((needles.interpretable.reshape(-1), needles.normals.reshape(-1, 3))))
-    interpretable, normals = (np.concatenate(p)[:count] for p in zip(*parts, strict=True))
-    return interpretable & (-normals[:, 2] > np.cos(sensor.slant_limit)), normals
+def first_brothers(
+    regions: list[list[Region]], alpha: Float[np.ndarray, "n"], reach: float
+) -> Float[np.ndarray, "n most fields"]:
+    """What stands beside the first region of every list."""
+    found = []
+    for one, direction in zip(regions, np.asarray(alpha), strict=True):
+        centre, normal = np.array([r.centre for r in one]), np.array([r.normal for r in one])
+        angles = np.full(len(one), direction)  # only the first region's own counts
+        found.append(brothers(centre, normal, angles, np.array([r.area for r in one]), reach)[0])
+    return np.array(found).reshape(-1, MOST_BROTHERS, found[0].shape[-1])
+
+
+def padded(values: np.ndarray, count: int) -> np.ndarray:
+    """A batch filled up with zeros to `count`, so that one shape is compiled."""
+    return np.concatenate([values, np.zeros((count - len(values), *values.shape[1:]), values.dtype)])

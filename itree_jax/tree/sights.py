@@ -1,0 +1,130 @@
+"""What the sensor makes of views of a part: lit images, needles, edges, and the regions it cuts them into.
+
+Model views without noise and noisy draws pass through the same functions, so that work models and what is measured are
+alike.
+"""
+
+from functools import cache, partial
+from typing import NamedTuple
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+from itree_kernels.camera import Camera
+from itree_kernels.noise import sensor_noise
+from jaxtyping import Bool, Float
+
+from itree_jax.features.edges import edge_map, seen_by
+from itree_jax.sensing.noise_model import intensity_std
+from itree_jax.sensing.photometric import photometric_stereo
+from itree_jax.sensing.reaching import MODEL_ERROR
+from itree_jax.sensor import Noise, Sensor
+
+BRIGHTEST = 0.7  # of full scale: an exposure that leaves room for highlights
+PIXELS_AT_ONCE = (256, 256)  # solved in one call, so that one shape is compiled; background pixels are left out
+MOST_REGIONS = 3  # regions kept per attitude, the largest ones
+
+
+class Region(NamedTuple):
+    """One region of a window."""
+
+    mask: Bool[np.ndarray, "s s"]
+    centre: Float[np.ndarray, "3"]  # mean surface point [mm], camera frame
+    normal: Float[np.ndarray, "3"]  # unit mean normal
+    area: float  # of surface [mm^2]
+
+
+def lit_images(
+    normal: Float[np.ndarray, "pixels 3"], lit: Bool[np.ndarray, "lights pixels"], sensor: Sensor
+) -> Float[np.ndarray, "lights pixels"]:
+    """Lambertian intensities, exposed so that the brightest light gives `BRIGHTEST` on a surface that faces it."""
+    cosine = sensor.light_directions @ normal.T
+    return (BRIGHTEST * relative_intensities(sensor)[:, None] * np.maximum(cosine, 0.0) * lit).astype(np.float32)
+
+
+def relative_intensities(sensor: Sensor) -> Float[np.ndarray, "lights"]:
+    return sensor.light_intensities / sensor.light_intensities.max()
+
+
+def interpreted(
+    images: Float[np.ndarray, "lights pixels"], sensor: Sensor, seed: int
+) -> tuple[Bool[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
+    """What photometric stereo makes of the pixels under the sensor's noise: which are detectable, and their needles."""
+    return read(noisy(images, sensor, seed), sensor)
+
+
+def noisy(images: Float[np.ndarray, "lights *pixels"], sensor: Sensor, seed: int) -> Float[np.ndarray, "lights *n"]:
+    """Images under the sensor's noise."""
+    noise = sensor.noise
+    return sensor_noise(images, noise.full_well_e, noise.read_noise_e, noise.bits, seed)
+
+
+def read(
+    images: Float[np.ndarray, "lights pixels"], sensor: Sensor
+) -> tuple[Bool[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
+    """Photometric stereo on a list of pixels: which are detectable, and their needles."""
+    lights, count = images.shape
+    chunk = PIXELS_AT_ONCE[0] * PIXELS_AT_ONCE[1]
+    padded = np.pad(images, ((0, 0), (0, -count % chunk)))
+    parts = []
+    for first in range(0, padded.shape[1], chunk):
+        image = padded[:, first : first + chunk].reshape(lights, *PIXELS_AT_ONCE)
+        needles = photometric_stereo(
+            image, sensor.light_directions, relative_intensities(sensor), sensor.noise, sensor.slant_limit
+        )
+        parts.append(jax.device_get((needles.interpretable.reshape(-1), needles.normals.reshape(-1, 3))))
+    interpretable, normals = (np.concatenate(p)[:count] for p in zip(*parts, strict=True))
+    return interpretable & (-normals[:, 2] > np.cos(sensor.slant_limit)), normals
+
+
+def window_images(
+    there: Bool[np.ndarray, "n s s"], normal: Float[np.ndarray, "n s s 3"], lit: Bool[np.ndarray, "n lights s s"],
+    sensor: Sensor,
+) -> Float[np.ndarray, "lights n s s"]:
+    """Lit images of a batch of windows, dark where nothing is."""
+    images = np.zeros((sensor.light_count, *there.shape), np.float32)
+    images[:, there] = lit_images(normal[there], np.moveaxis(lit, 1, 0)[:, there], sensor)
+    return images
+
+
+@partial(jax.jit, static_argnames=("noise",))
+def window_edges(images: Float[jax.Array, "n lights s s"], noise: Noise) -> Float[jax.Array, "n s s 2"]:
+    """Edge maps of a batch of windows: what two lights or more show, since the border of a cast shadow is not the part's.
+
+    The thresholds go by the noise of the intensities.
+    """
+
+    def one(image: jax.Array) -> jax.Array:
+        return seen_by(edge_map(image, intensity_std(image, noise)), image.shape[0])
+
+    return jax.lax.map(one, jnp.asarray(images), batch_size=16)
+
+
+@cache
+def needle_deviation(noise: Noise, exposure: float = BRIGHTEST) -> float:
+    """By how much a needle may err [rad]: noise of an intensity at this exposure, and model error, both relative."""
+    std = float(intensity_std(np.float32(exposure), noise)) / exposure
+    return float(np.hypot(std, MODEL_ERROR))
+
+
+def largest_regions(
+    mask: Bool[np.ndarray, "s s"], least_pixels: float, most: int = MOST_REGIONS
+) -> list[Bool[np.ndarray, "s s"]]:
+    """8-connected regions of at least this many pixels, the largest first."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    order = [k for k in np.argsort(-areas, kind="stable") if areas[k] >= least_pixels][:most]
+    return [labels == k + 1 for k in order] if count > 1 else []
+
+
+def describe_region(
+    mask: Bool[np.ndarray, "s s"], normals: Float[np.ndarray, "s s 3"], depth: Float[np.ndarray, "s s"], camera: Camera
+) -> Region:
+    """Where a region lies in space, how it is tilted and how large it is."""
+    v, u = np.nonzero(mask)
+    X_cam = camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[mask].astype(float))
+    needle = normals[mask]
+    total = needle.sum(axis=0)
+    area = float((camera.mm_per_px(1.0) ** 2 / np.maximum(-needle[:, 2], 0.1)).sum())
+    return Region(mask, X_cam.mean(axis=0), total / max(float(np.linalg.norm(total)), 1e-9), area)

@@ -1,0 +1,102 @@
+"""Work models of every attitude group that relational rules compare regions with (Ikeuchi 1987, sec. 2.1.3).
+
+The paper stores those of one representative attitude. A group spans tens of degrees and its shadows turn with the part,
+so that a dozen of its appearances are kept as exemplars.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from itree_jax.features.polar import ANGLES, turn_correlation
+from itree_jax.features.region import RegionFeatures
+from itree_jax.features.relation import BROTHER_FIELDS, MOST_MISFIT, THERE, brother_misfit
+from itree_jax.tree.appearances import STORED_BROTHERS, Appearances
+
+EXEMPLARS = 12  # per group: its ten views in the paper's table, at rolls that differ
+LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
+TURN_TOLERANCE = 1  # cells that A4's direction may be off
+
+
+class GroupModels(NamedTuple):
+    """Exemplars of every group."""
+
+    edge_map: Float[Array, "groups exemplars radii angles 3"]
+    characteristic_map: Float[Array, "groups exemplars radii angles 5"]
+    brothers: Float[Array, "groups exemplars most fields"]
+    unique: Bool[Array, "groups exemplars"]  # the exemplar has an inertia direction
+    there: Bool[Array, "groups exemplars"]  # False: padding
+    related: Bool[Array, "groups"]  # half of the exemplars or more have a brother
+
+
+def group_models(table: Appearances, group_count: int) -> GroupModels:
+    """Exemplars spread evenly over each group's appearances (the largest region of each attitude)."""
+    first = np.append(True, np.diff(table.attitude) > 0)
+    group = table.group[table.attitude]
+    rows = np.full((group_count, EXEMPLARS), -1)
+    for g in range(group_count):
+        own = np.flatnonzero(first & (group == g))
+        if len(own):
+            step = np.unique(np.linspace(0, len(own) - 1, EXEMPLARS).round().astype(int))
+            rows[g, : len(step)] = own[step]
+    there = rows >= 0
+    shape = (*rows.shape, STORED_BROTHERS, BROTHER_FIELDS)
+    beside = np.where(there[..., None, None], table.brothers[rows], 0.0).reshape(shape)
+    related = (beside[..., THERE] > 0).any(axis=-1).sum(axis=1) >= 0.5 * np.maximum(there.sum(axis=1), 1)
+    return GroupModels(
+        edge_map=jnp.asarray(table.edge_map[rows], jnp.float32),
+        characteristic_map=jnp.asarray(table.characteristic_map[rows], jnp.float32),
+        brothers=jnp.asarray(beside, jnp.float32),
+        unique=jnp.asarray(table.inertia[rows, 3] > LEAST_UNIQUENESS),
+        there=jnp.asarray(there),
+        related=jnp.asarray(related),
+    )
+
+
+def relation_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
+    """How well the regions beside one region fit the brothers that each group shows: 0 not at all .. 5 exactly.
+
+    0 for every region under a group that shows one region: it expects none, and others may lie there by chance.
+    """
+    unique = models.unique & (features.inertia.uniqueness > LEAST_UNIQUENESS)
+    misfit = brother_misfit(
+        features.brothers[None, None, :, None], models.brothers[:, :, None], unique[..., None, None]
+    )  # [groups, exemplars, seen, stored]
+    best = jnp.min(misfit, axis=(-2, -1))
+    best = jnp.min(jnp.where(models.there, best, MOST_MISFIT), axis=-1)
+    return jnp.where(models.related, MOST_MISFIT - best, 0.0)
+
+
+def edge_characteristic_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
+    """How well edges and surface characteristics lie as in each group, at one rotation for both: 0..1.
+
+    Rotations are those that the inertia directions leave open, all of them where there is none.
+    """
+    edges = turn_correlation(features.edge_map, models.edge_map)
+    kinds = turn_correlation(features.characteristic_map, models.characteristic_map)
+    allowed = allowed_turns(models.unique & (features.inertia.uniqueness > LEAST_UNIQUENESS))
+    joint = jnp.where(allowed, 0.5 * (edges + kinds), 0.0)
+    best = jnp.max(joint, axis=-1)
+    return jnp.max(jnp.where(models.there, best, 0.0), axis=-1)
+
+
+def allowed_turns(unique: Bool[Array, "*n"]) -> Bool[Array, "*n angles"]:
+    """Turns near 0 and a half, or all of them."""
+    k = jnp.arange(ANGLES)
+    half = ANGLES // 2
+    near = jnp.minimum(k % half, half - k % half) <= TURN_TOLERANCE
+    return near | ~unique[..., None]
+
+
+def each_region(function, features: RegionFeatures, models: GroupModels) -> Float[Array, "regions groups"]:
+    """An agreement of every region of a batch, a few at a time, which bounds its memory."""
+    return jax.lax.map(lambda f: function(f, models), features, batch_size=8)
+
+
+def rows_of(table: Appearances, group: int) -> Int[np.ndarray, "rows"]:
+    """Appearances of one group."""
+    return np.flatnonzero(table.group[table.attitude] == group)
