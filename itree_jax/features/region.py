@@ -8,7 +8,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from itree_jax.features.curvature import CHARACTERISTICS, characteristic_shares, characteristics
+from itree_jax.features.characteristics import CHARACTERISTICS, characteristic_shares, characteristics
 from itree_jax.features.egi import (
     egi_mass_centre,
     extended_gaussian_image,

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from itree_jax.features.curvature_classes import CHARACTERISTICS
+from itree_jax.features.characteristics import CHARACTERISTICS
 from itree_jax.features.polar import RADII
 from itree_jax.features.region import RegionFeatures
 from itree_jax.tree.likelihood import group_log_likelihood, relational_log_likelihood

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.groups import AttitudeGroups
+from itree_jax.tree.leaf_model import LeafModel
 
 ROOT = -1  # parent of the first node
 PRUNED = "pruned"  # rule of a node one side of which holds nothing but pruned groups
@@ -29,11 +30,14 @@ class Nodes:
     on_visible_side: Bool[np.ndarray, "nodes"]  # side of the parent
     visible: Bool[np.ndarray, "nodes groups"]
     hidden: Bool[np.ndarray, "nodes groups"]
-    rule: tuple[str, ...]  # "L1".."L3", or PRUNED
-    error: Float[np.ndarray, "nodes"]  # measured error rate of that rule; 0 where pruned
+    rule: tuple[str, ...]  # "L1".."L7", a pair such as "L1+L6", or PRUNED
+    error: Float[np.ndarray, "nodes"]  # measured error rate that the policy went by; 0 where pruned
     error_interval: Float[np.ndarray, "nodes 2"]  # 95 %
-    rule_errors: Float[np.ndarray, "nodes rules"]  # of every rule, NaN where pruned
-    draws: Int[np.ndarray, "nodes"]  # noisy draws that the error rate was measured with
+    rule_errors: Float[np.ndarray, "nodes rules 2"]  # of every rule on whole and on cut regions, NaN where pruned
+    whole_and_cut: Float[np.ndarray, "nodes 2"]  # of the chosen rule
+    draws: Int[np.ndarray, "nodes"]  # noisy draws that `error` was measured with
+    joined: Int[np.ndarray, "nodes"]  # top branch of the many-way node this branch is joined to (sec. 2.1.5)
+    joined_error: Float[np.ndarray, "nodes"]  # at the tops: error rate of the many-way decision
 
 
 @dataclass(frozen=True)
@@ -49,13 +53,25 @@ class Distributions:
 class Determination:
     """Determination steps of each group, with measured errors: the share of draws left out of refinement's reach."""
 
-    rules: tuple[str, ...]  # columns of `error`: "A1", "A2", "A4", "A5"
+    rules: tuple[str, ...]  # columns of `error`: "A1".."A8"
     error: Float[np.ndarray, "groups rules"]  # NaN where not measured
     error_interval: Float[np.ndarray, "groups rules 2"]
     draws: Int[np.ndarray, "groups"]
     steps: tuple[tuple[str, ...], ...]  # rules used, in order, per group
     rotations_left: Int[np.ndarray, "groups"]  # 1 unique, 2 two candidates, 0 open (all go on)
-    scales: Float[np.ndarray, "6"]  # see `DeterminationScales`
+    scales: Float[np.ndarray, "10"]  # see `DeterminationScales`
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """How well whole regions and cut ones find their leaf: predicted from the nodes' errors, and counted."""
+
+    predicted: Float[np.ndarray, "2"]  # expected error of the whole tree, on whole and on cut regions
+    counted: Float[np.ndarray, "2"]  # the same on fresh draws
+    counted_interval: Float[np.ndarray, "2 2"]  # 95 %
+    table: Float[np.ndarray, "groups groups"]  # share of a group's fresh draws (rows) that end in each leaf
+    pair_error: Float[np.ndarray, "groups groups"]  # of the best rule between two groups alone; NaN where not both kept
+    pair_rule: tuple[tuple[str, ...], ...]  # that rule's name
 
 
 @dataclass(frozen=True)
@@ -72,6 +88,8 @@ class InterpretationTree:
     nodes: Nodes
     distributions: Distributions
     determination: Determination
+    confusion: Confusion
     appearances: Appearances
+    work_models: tuple[LeafModel, ...]  # of the representative attitudes, one per group
     spacing: float  # of the appearances' viewer directions [rad]
     rolls: int  # rotations per viewer direction
