@@ -8,6 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from itree_jax.features.bilinear import bilinear
+from itree_jax.features.rectify import inverse_T
 from itree_jax.features.window import Window
 
 N_THETA = 64
@@ -35,26 +37,13 @@ def outline(
     size = mask.shape[0]
     theta = jnp.arange(n_theta, dtype=pitch.dtype) * (2.0 * jnp.pi / n_theta) + alpha
     on_face = jnp.stack([jnp.cos(theta), jnp.sin(theta)])  # unit on the face
-    in_image = _inverse(T) @ on_face
+    in_image = inverse_T(T) @ on_face
     length = jnp.sqrt(jnp.sum(in_image**2, axis=0))  # image length of one face mm
     steps = jnp.arange(int(size * 2**0.5) + 2, dtype=pitch.dtype)  # [px]: steps of one reach every corner
     start = centroid / pitch + (size - 1) / 2.0
     xy = start[:, None, None] + (in_image / length[None, :])[:, :, None] * steps[None, None, :]
-    sampled = _bilinear(mask.astype(pitch.dtype), xy[0], xy[1])
+    sampled = bilinear(mask.astype(pitch.dtype), xy[0], xy[1])
     return _outermost_crossing(sampled) * pitch / length
-
-
-def _bilinear(image: Float[Array, "s s"], x: Float[Array, "*n"], y: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Samples between pixel centres; 0 beyond the image."""
-    framed = jnp.pad(image, 1)
-    last = framed.shape[0] - 1
-    x, y = (jnp.clip(c + 1.0, 0.0, float(last)) for c in (x, y))
-    column, row = (jnp.minimum(jnp.floor(c), float(last - 1)) for c in (x, y))
-    right, down = x - column, y - row
-    i, j = row.astype(jnp.int32), column.astype(jnp.int32)
-    above = framed[i, j] * (1.0 - right) + framed[i, j + 1] * right
-    below = framed[i + 1, j] * (1.0 - right) + framed[i + 1, j + 1] * right
-    return above * (1.0 - down) + below * down
 
 
 def _outermost_crossing(sampled: Float[Array, "n steps"]) -> Float[Array, "n"]:
@@ -68,9 +57,3 @@ def _outermost_crossing(sampled: Float[Array, "n steps"]) -> Float[Array, "n"]:
     found = last_inside >= 0
     fall = jnp.where(found, inner - outer, 1.0)
     return jnp.where(found, last_inside.astype(sampled.dtype) + (inner - 0.5) / fall, 0.0)
-
-
-def _inverse(T: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
-    """Inverse of an upper triangular 2 x 2 matrix."""
-    a, b, d = T[0, 0], T[0, 1], T[1, 1]
-    return jnp.stack([jnp.stack([1.0 / a, -b / (a * d)]), jnp.stack([jnp.zeros_like(a), 1.0 / d])])

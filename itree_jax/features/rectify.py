@@ -28,6 +28,12 @@ def affine_T(p: Float[Array, ""], q: Float[Array, ""]) -> Float[Array, "2 2"]:
     return jnp.stack([jnp.stack([s, p * q / s]), jnp.stack([jnp.zeros_like(s), jnp.sqrt(1.0 + p**2 + q**2) / s])])
 
 
+def inverse_T(T: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+    """The inverse of `affine_T`, an upper triangular matrix: face coordinates to image offsets."""
+    a, b, d = T[0, 0], T[0, 1], T[1, 1]
+    return jnp.stack([jnp.stack([1.0 / a, -b / (a * d)]), jnp.stack([jnp.zeros_like(a), 1.0 / d])])
+
+
 def face_axes(p: Float[Array, ""], q: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """The unit 3-D directions e1, e2 of the face coordinates x', y': e1 = (1, 0, p)/sqrt(1 + p^2), e2 completes it."""
     s = jnp.sqrt(1.0 + p**2)
