@@ -44,6 +44,7 @@ class Appearances:
 
     R_cam_obj: Float[np.ndarray, "attitudes 3 3"]
     view: Int[np.ndarray, "attitudes"]  # cell of the compile's dome that holds the viewer direction
+    group: Int[np.ndarray, "attitudes"]  # attitude group, by what is detectable at this view and roll
     attitude: Int[np.ndarray, "regions"]
     area: Float[np.ndarray, "regions"]  # surface [mm^2]
     mean_normal: Float[np.ndarray, "regions 3"]  # unit
@@ -125,6 +126,7 @@ def appearances(
     return Appearances(
         R_cam_obj=R_all.astype(np.float32),
         view=np.repeat(view, rolls).astype(np.int32),
+        group=np.zeros(len(R_all), np.int32),  # until `grouped` names it
         attitude=np.array(attitude, np.int32),
         area=np.asarray(features.area),
         mean_normal=np.asarray(features.mean_normal),

@@ -5,12 +5,10 @@ Errors are measured on draws that stand alone and on draws that another part cut
 be cut as often as not.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.errors import ItreeError
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from itree_jax.tree.branches import Branches
 from itree_jax.tree.classification_rules import (
@@ -22,6 +20,7 @@ from itree_jax.tree.classification_rules import (
     rules_in,
 )
 from itree_jax.tree.draws import Draws
+from itree_jax.tree.error_rates import Measured, at_stake, expected, independent_draws, whole_and_cut, wilson_interval
 from itree_jax.tree.joining import joined_nodes
 from itree_jax.tree.likelihood import kernel_bandwidth, relational_bandwidth
 from itree_jax.tree.tree import PRUNED, Distributions, Nodes
@@ -31,14 +30,6 @@ POLICIES = ("measured", "paper")
 ERROR_BOUND = 0.05  # policy `paper`: the first rule whose error is under it
 EQUAL_ERROR = 0.005  # policy `measured`: rules this close are equal, the cheaper one is taken
 WORTH_A_PAIR = 0.02  # a second rule is measured only where it takes away more than this
-
-
-class Measured(NamedTuple):
-    """Draws with what every rule says about them."""
-
-    log_likelihood: Float[np.ndarray, "rules draws groups"]
-    group: Int[np.ndarray, "draws"]
-    cut: Bool[np.ndarray, "draws"]
 
 
 def distributions(draws: Draws, models: GroupModels, group_count: int) -> Distributions:
@@ -64,29 +55,6 @@ def measure_rules(
         quantities(draws.features, models), known.samples, known.bandwidth, jnp.asarray(prior, jnp.float32)
     )
     return Measured(np.asarray(found), draws.group, draws.cut)
-
-
-def side_margin(
-    log_likelihood: Float[np.ndarray, "draws groups"], prior: Float[np.ndarray, "groups"],
-    visible: Bool[np.ndarray, "groups"], hidden: Bool[np.ndarray, "groups"],
-) -> Float[np.ndarray, "draws"]:
-    """log p(visible side) - log p(hidden side), groups weighted by their share of the views."""
-    with np.errstate(divide="ignore"):
-        weighted = log_likelihood + np.log(prior)
-    return np.logaddexp.reduce(weighted[:, visible], axis=1) - np.logaddexp.reduce(weighted[:, hidden], axis=1)
-
-
-def wilson_interval(errors: float, count: float, z: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a share (Wilson 1927)."""
-    if count == 0:
-        return 0.0, 1.0
-    p = errors / count
-    spread = z * z / count
-    centre = (p + spread / 2) / (1 + spread)
-    half = np.sqrt(spread * p * (1 - p) + spread**2 / 4) / (1 + spread)
-    low = centre - half if errors > 0 else 0.0  # the ends exactly: the formula leaves a rounding error there
-    high = centre + half if errors < count else 1.0
-    return max(0.0, float(low)), min(1.0, float(high))
 
 
 def check_policy(policy: str) -> None:
@@ -157,41 +125,6 @@ def cheapest_of_equals(errors: Float[np.ndarray, "rules"], costs: list[float]) -
     """The cheapest among those within `EQUAL_ERROR` of the least; of equal cost, the one that errs least."""
     equal = np.flatnonzero(errors <= errors.min() + EQUAL_ERROR)
     return int(min(equal, key=lambda k: (costs[k], errors[k])))
-
-
-def whole_and_cut(
-    at: Measured, rules: tuple[int, ...], prior: Float[np.ndarray, "groups"], visible: Bool[np.ndarray, "groups"],
-    hidden: Bool[np.ndarray, "groups"],
-) -> Float[np.ndarray, "2"]:
-    """Error rates of rules used together, on draws that stand alone and on cut ones; those of the other kind where
-    there are no draws of one."""
-    wrong = (side_margin(at.log_likelihood[list(rules)].sum(axis=0), prior, visible, hidden) > 0) != visible[at.group]
-    found = [
-        float(wrong[kind] @ view_weights(at.group[kind], prior)) if kind.any() else np.nan for kind in (~at.cut, at.cut)
-    ]
-    return np.where(np.isnan(found), np.nanmean(found), found).astype(np.float32)
-
-
-def expected(errors: Float[np.ndarray, "*n 2"], policy: str) -> Float[np.ndarray, "*n"]:
-    """The error that a policy goes by, of errors on whole and on cut regions."""
-    return errors[..., 0] if policy == "paper" else errors.mean(axis=-1)
-
-
-def at_stake(at: Measured, policy: str) -> Bool[np.ndarray, "draws"]:
-    """The draws that a policy's errors are measured on."""
-    return ~at.cut if policy == "paper" else np.ones(len(at.cut), bool)
-
-
-def view_weights(group: Int[np.ndarray, "draws"], prior: Float[np.ndarray, "groups"]) -> Float[np.ndarray, "draws"]:
-    """Weights that sum to 1 and give every group its share of the views, however many draws it has."""
-    count = np.bincount(group, minlength=len(prior))
-    weight = prior[group] / count[group]
-    return weight / weight.sum()
-
-
-def independent_draws(group: Int[np.ndarray, "draws"], prior: Float[np.ndarray, "groups"]) -> float:
-    """Draws of equal weight that would say as much."""
-    return float(1.0 / np.sum(view_weights(group, prior) ** 2)) if len(group) else 0.0
 
 
 def names_of(name: str) -> tuple[str, ...]:

@@ -6,39 +6,55 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from itree_cad.symmetry import Symmetries
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
+from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
 from itree_jax.tree.appearances import Appearances
-from itree_jax.tree.choice import ERROR_BOUND, wilson_interval
 from itree_jax.tree.determination_rules import (
+    DETERMINATION_RULE_NAMES,
+    FAR,
+    SHORTLIST,
     AppearanceArrays,
     DeterminationScales,
     about_normal,
+    bounded,
+    compare_maps,
     compare_shape,
+    direction_penalty,
     egi_candidates,
     egi_elsewhere,
-    shape_candidates,
+    facing,
+    mass_centre_penalty,
+    relation_penalty,
+    take_rows,
     within_roll,
+    wrapped,
 )
 from itree_jax.tree.draws import Draws
+from itree_jax.tree.error_rates import wilson_interval
+from itree_jax.tree.freedom import choose_steps
 from itree_jax.tree.tree import Determination
+from itree_jax.tree.work_models import LEAST_UNIQUENESS
 
 ROW_BATCH = 256  # appearance rows are padded to a multiple, so that few shapes are compiled
 REACH = float(np.radians(20.0))  # refinement converges from here: an attitude within it is determined
-LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
 # No scale is trusted below what other parts' shadows change.
-FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03)
+FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03, np.radians(3.0), 0.03, 0.05, 0.05, 0.003)
 OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
 SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
 DRAWS_AT_ONCE = 64
 SCALE_DRAWS, ERROR_DRAWS = 25, 200  # per group, at most: each is compared with every appearance at every turn
 TURNS = 32  # about the mean normal, tried for the best one
-RULES = ("A1", "A2", "A4", "A5")
+RULES = DETERMINATION_RULE_NAMES
+EGI_SCALE = 4  # of the samples: the one whose quartile is taken
 
 
-def appearance_arrays(table: Appearances, group_of_view: Int[np.ndarray, "views"]) -> AppearanceArrays:
-    """Rows for determination, padded with rows of area 0; row k is row k of the table."""
+def appearance_arrays(table: Appearances, uses: Float[np.ndarray, "groups 8"]) -> AppearanceArrays:
+    """Rows for determination, padded with rows of area 0; row k is row k of the table.
+
+    `uses`: 1 where a group's steps use a rule (`rules_used`).
+    """
     count = len(table.attitude)
     extra = -count % ROW_BATCH
 
@@ -47,10 +63,18 @@ def appearance_arrays(table: Appearances, group_of_view: Int[np.ndarray, "views"
 
     return AppearanceArrays(
         R_cam_obj=pad(table.R_cam_obj[table.attitude]),
-        group=pad(group_of_view[table.view[table.attitude]].astype(np.int32)),
-        area=pad(table.area), mean_normal=pad(table.mean_normal), egi=pad(table.egi), inertia=pad(table.inertia),
-        outline=pad(table.outline), centroid_obj=pad(table.centroid_obj),
+        group=pad(table.group[table.attitude].astype(np.int32)),
+        area=pad(table.area), mean_normal=pad(table.mean_normal),
+        concentration=pad(np.linalg.norm(table.mass_centre, axis=-1)), egi=pad(table.egi), inertia=pad(table.inertia),
+        outline=pad(table.outline), centroid_obj=pad(table.centroid_obj), brothers=pad(table.brothers),
+        characteristic_map=pad(table.characteristic_map), edge_map=pad(table.edge_map),
+        uses=jnp.asarray(uses, jnp.float32),
     )
+
+
+def rules_used(steps: tuple[tuple[str, ...], ...]) -> Float[np.ndarray, "groups 8"]:
+    """1 where a group's steps use a rule."""
+    return np.array([[float(rule in of_group) for rule in RULES] for of_group in steps], np.float32)
 
 
 def attitude_error(
@@ -77,9 +101,10 @@ def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Floa
 def scale_samples(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
     turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,
-) -> Float[Array, "draws 5"]:
+) -> Float[Array, "draws 10"]:
     """What the appearance nearest to the truth leaves: tilt, direction (NaN where there is none), outline, size, EGI
-    share elsewhere."""
+    share elsewhere, direction toward a brother (NaN without one), the disagreement of characteristics, of edges and of
+    both, and the difference of the EGI mass centres' lengths."""
 
     def one(item):
         f, R, _ = item
@@ -96,33 +121,74 @@ def scale_samples(
         elsewhere = jnp.min(jnp.where(within, egi_elsewhere(f.egi, rows.egi), jnp.inf))
         unique = jnp.minimum(f.inertia.uniqueness, rows.inertia[k, 3]) > LEAST_UNIQUENESS
         direction = jnp.where(unique, seen.direction[at[k]], jnp.nan)
-        return jnp.stack([seen.tilt[k], direction, distance[k], jnp.abs(seen.size[k]), elsewhere])
+        nearest = take_rows(rows, k[None])
+        maps = jnp.stack([m[0, at[k]] for m in compare_maps(f, nearest)])
+        toward = brother_deviation(f, nearest, at[k])
+        rest = jnp.stack([seen.tilt[k], direction, distance[k], jnp.abs(seen.size[k]), elsewhere, toward])
+        return jnp.concatenate([rest, maps, jnp.abs(seen.concentration[k])[None]])
 
     return jax.lax.map(one, (features, R_true, group), batch_size=4)
+
+
+def brother_deviation(features: RegionFeatures, row: AppearanceArrays, at: Int[Array, ""]) -> Float[Array, ""]:
+    """Angle [rad] between the directions toward a brother after a turn of the outline; NaN where there is none."""
+    n_theta = row.outline.shape[-1]
+    seen, stored = features.brothers, row.brothers[0]
+    apart = brother_angle(seen)[:, None] - brother_angle(stored)[None, :] - at * (2.0 * jnp.pi / n_theta)
+    misfit = brother_misfit(seen[:, None], stored[None, :], jnp.zeros((), bool))
+    best = jnp.argmin(misfit)
+    return jnp.where(misfit.reshape(-1)[best] < MOST_MISFIT, jnp.abs(wrapped(apart.reshape(-1)[best])), jnp.nan)
 
 
 @partial(jax.jit, static_argnames=("roll_step",))
 def rule_errors(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
     scales: DeterminationScales, turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,
-) -> Float[Array, "draws 4"]:
-    """Attitude error [rad] left within the true group by A1 (the best turn about the mean normal given), A2, A4 (better
-    of its two) and A5 (the one that it picks)."""
+) -> Float[Array, "draws 8"]:
+    """Attitude error [rad] that each rule leaves within the true group, given the rules before it.
+
+    A1: at the best turn about the mean normal; A2: of the attitude that it picks; A3, A4: of the better of the two
+    rotations that they leave; A5-A8: of the rotation that they pick among those that A1, A3 and A4 leave.
+    """
     angle = jnp.arange(TURNS) * (2.0 * jnp.pi / TURNS)
 
     def one(item):
         f, R, g = item
-        prior = jnp.where(jnp.arange(rows.group.shape[0]) == g, 0.0, -jnp.inf)
-        by_shape = shape_candidates(f, rows, prior, scales, 1, roll_step).R_ray_obj[0]
-        error = attitude_error(about_normal(f.mean_normal, angle) @ by_shape, R, turns, axes)
-        by_egi = egi_candidates(f, rows, prior, scales, 1).R_ray_obj[0]
-        a2 = attitude_error(by_egi, R, turns, axes)
-        return jnp.stack([jnp.min(error), a2, jnp.minimum(error[0], error[TURNS // 2]), error[0]])
+        prior = jnp.where(jnp.arange(rows.uses.shape[0]) == g, 0.0, -jnp.inf)
+        a2 = attitude_error(egi_candidates(f, rows, prior, scales, 1).R_ray_obj[0], R, turns, axes)
+        seen = compare_shape(f, rows)
+        own = (rows.area > 0) & (rows.group == g)
+        base = mass_centre_penalty(seen, scales) + bounded(seen.size / scales.size)
+        base = base[:, None] + jnp.where(within_roll(seen.turn, roll_step), 0.0, FAR)
+        base = jnp.where(own[:, None], base, jnp.inf)
+        a3, a4 = relation_penalty(f, rows, scales), direction_penalty(f, rows, seen, scales)
+        a5 = bounded(seen.distance / scales.outline)
+        left = base + a3 + a4
+
+        def attitude(penalty: Array, index: Array) -> Array:
+            """The attitude of the least penalty; `index` are the rows of the appearances it is taken from."""
+            k, at = jnp.unravel_index(jnp.argmin(penalty), penalty.shape)
+            row = index[k]
+            turn = about_normal(f.mean_normal, seen.turn[row, at][None])[0]
+            return turn @ facing(rows, row[None], f.mean_normal)[0]
+
+        def error(R_found: Array) -> Array:
+            return attitude_error(R_found, R, turns, axes)
+
+        every = jnp.arange(rows.area.shape[0])
+        a1 = jnp.min(error(about_normal(f.mean_normal, angle) @ attitude(base, every)))
+        half = about_normal(f.mean_normal, jnp.asarray([0.0, jnp.pi]))
+        two = [jnp.min(error(half @ attitude(base + penalty, every))) for penalty in (a3, a4)]
+        _, short = jax.lax.top_k(-jnp.min(left, axis=1), min(SHORTLIST, rows.area.shape[0]))
+        maps = compare_maps(f, take_rows(rows, short))
+        scaled = zip(maps, (scales.characteristic, scales.edges, scales.both), strict=True)
+        pick = [error(attitude(left[short] + bounded(m / s), short)) for m, s in scaled]
+        return jnp.stack([a1, a2, *two, error(attitude(left + a5, every)), *pick])
 
     return jax.lax.map(one, (features, R_true, group), batch_size=4)
 
 
-def scales_of(samples: Float[np.ndarray, "draws 5"]) -> Float[np.ndarray, "5"]:
+def scales_of(samples: Float[np.ndarray, "draws k"]) -> Float[np.ndarray, "k"]:
     """Root mean square of each quantity (a direction that no draw has: the floor), outliers bounded; of the EGI's the
     lower quartile.
 
@@ -132,15 +198,13 @@ def scales_of(samples: Float[np.ndarray, "draws 5"]) -> Float[np.ndarray, "5"]:
     samples = np.where(np.isnan(samples).all(axis=0), 0.0, samples)
     typical = np.minimum(samples, OUTLIER * np.nanmedian(samples, axis=0) + 1e-3)
     spread = np.sqrt(np.nanmean(typical**2, axis=0))
-    spread[4] = np.percentile(samples[:, 4], 25.0)
-    return np.maximum(spread, FLOORS)
+    spread[EGI_SCALE] = np.percentile(samples[:, EGI_SCALE], 25.0)
+    return np.maximum(spread, FLOORS[: len(spread)])
 
 
 def first_of_each_group(draws: Draws, count: int) -> Draws:
     """The first `count` draws of every group."""
-    index = np.sort(np.concatenate([np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)]))
-    features = jax.tree.map(lambda a: a[index], draws.features)
-    return Draws(features, draws.group[index], draws.R_cam_obj[index], draws.empty)
+    return draws.take(np.sort(np.concatenate([np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)])))
 
 
 def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
@@ -156,16 +220,19 @@ def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
 
 
 def measure_determination(
-    table: Appearances, group_of_view: Int[np.ndarray, "views"], rolls: int, symmetries: Symmetries, train: Draws,
-    test: Draws, group_count: int,
+    table: Appearances, rolls: int, symmetries: Symmetries, train: Draws, test: Draws, group_count: int, policy: str
 ) -> Determination:
-    """Scales from one set of draws, error rates from another."""
-    train, test = first_of_each_group(train, SCALE_DRAWS), first_of_each_group(test, ERROR_DRAWS)
-    rows = appearance_arrays(table, group_of_view)
+    """Scales from one set of draws, error rates from another: of whole regions by policy `paper`, else of both kinds."""
+    train = first_of_each_group(train, SCALE_DRAWS)
+    if policy == "paper":
+        test = test.take(np.flatnonzero(~test.cut))
+    test = first_of_each_group(test, ERROR_DRAWS)
+    rows = appearance_arrays(table, np.zeros((group_count, len(RULES)), np.float32))
     turns, axes = symmetry_arrays(symmetries)
     roll_step = 2.0 * np.pi / rolls
     samples = in_batches(partial(scale_samples, roll_step=roll_step), train, rows, turns, axes)
-    scales = np.array([*scales_of(samples), LEAST_UNIQUENESS], np.float32)
+    found = scales_of(samples)
+    scales = np.array([*found[:5], LEAST_UNIQUENESS, *found[5:]], np.float32)
     measured = DeterminationScales(*map(jnp.float32, scales))
     errors = in_batches(partial(rule_errors, roll_step=roll_step), test, rows, measured, turns, axes)
     rate = np.full((group_count, len(RULES)), np.nan, np.float32)
@@ -176,7 +243,8 @@ def measure_determination(
             wrong = float(np.sum(own[:, r] > REACH))
             rate[g, r] = wrong / len(own)
             interval[g, r] = wilson_interval(wrong, len(own))
-    chosen = [choose_steps(rate[g]) for g in range(group_count)]
+    related = brothers_expected(table, group_count)
+    chosen = [choose_steps(rate[g], bool(related[g]), policy) for g in range(group_count)]
     return Determination(
         rules=RULES, error=rate, error_interval=interval,
         draws=np.bincount(test.group, minlength=group_count).astype(np.int32),
@@ -184,16 +252,9 @@ def measure_determination(
     )
 
 
-def choose_steps(rate: Float[np.ndarray, "rules"]) -> tuple[tuple[str, ...], int]:
-    """Rules under the error bound in the paper's order, and the rotations they leave (0: open, all go on)."""
-    if np.isnan(rate).all():
-        return (), 0
-    a1, a2, a4, a5 = rate
-    viewer = ("A1",) if a1 < ERROR_BOUND else ()
-    if a5 < ERROR_BOUND:
-        return (*viewer, "A4", "A5"), 1
-    if a2 < ERROR_BOUND:
-        return (*viewer, "A2"), 1
-    if a4 < ERROR_BOUND:
-        return (*viewer, "A4"), 2
-    return viewer, 0
+def brothers_expected(table: Appearances, group_count: int) -> Bool[np.ndarray, "groups"]:
+    """Whether half of a group's appearances or more show a brother region: A3 is no rule for the others."""
+    group = table.group[table.attitude]
+    count = np.bincount(group, minlength=group_count)
+    with_brother = np.bincount(group, weights=table.brothers[:, 0, THERE] > 0, minlength=group_count)
+    return with_brother >= 0.5 * np.maximum(count, 1)

@@ -1,21 +1,28 @@
-"""Determination rules A1, A2, A4, A5: candidate attitudes of a region, with their log-likelihoods (sec. 2.2.1).
+"""Determination rules A1-A8: candidate attitudes of a region, with their log-likelihoods (Ikeuchi 1987, sec. 2.2.1).
 
 Every appearance (view x roll) is turned so that its mean normal is the region's (A1), then about that normal by no more
-than half a step of roll: as far as its cast shadows hold. A4 compares the inertia directions, A5 the outlines d(theta).
-A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation content.
+than half a step of roll: as far as its cast shadows hold. A3 compares the directions toward the brother regions, A4 the
+inertia directions, A5 the outlines d(theta), A6 where the surface characteristics lie, A7 where the edges do, A8 both at
+once. A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation
+content. A5 looks at all turns of all appearances; A6-A8, which cost more, at those that A1, A3 and A4 leave.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
+from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
 
 # A region that was cut lies about its direction, outline and size: none of them counts for more than this (2.8 sigma).
 MOST_PENALTY = 4.0
+SHORTLIST = 96  # appearances whose maps are compared: a group of ten views at 12 rolls, with some of the next
 FAR = 1e3  # penalty of a turn that no appearance stands for [log-likelihood]
 
 
@@ -26,10 +33,15 @@ class AppearanceArrays(NamedTuple):
     group: Int[Array, "rows"]
     area: Float[Array, "rows"]
     mean_normal: Float[Array, "rows 3"]
+    concentration: Float[Array, "rows"]  # length of the EGI mass centre
     egi: Float[Array, "rows cells"]
     inertia: Float[Array, "rows 4"]
     outline: Float[Array, "rows n_theta"]
     centroid_obj: Float[Array, "rows 3"]
+    brothers: Float[Array, "rows most fields"]
+    characteristic_map: Float[Array, "rows radii angles 5"]  # half precision
+    edge_map: Float[Array, "rows radii angles 3"]  # half precision
+    uses: Float[Array, "groups 8"]  # 1 where the group's steps use the rule, columns A1..A8
 
 
 class DeterminationScales(NamedTuple):
@@ -41,6 +53,11 @@ class DeterminationScales(NamedTuple):
     size: Float[Array, ""]  # of log lengths
     egi: Float[Array, ""]  # of the share of mass that A2 finds elsewhere
     least_uniqueness: Float[Array, ""]  # below it a region has no inertia direction
+    relation: Float[Array, ""]  # of A3's direction toward a brother [rad]
+    characteristic: Float[Array, ""]  # of A6's lack of agreement, 0..1
+    edges: Float[Array, ""]  # of A7's
+    both: Float[Array, ""]  # of A8's
+    concentration: Float[Array, ""]  # of the length of A1's mass centre
 
 
 class Candidates(NamedTuple):
@@ -60,6 +77,7 @@ class ShapeComparison(NamedTuple):
     direction: Float[Array, "turns"]  # between the inertia directions [rad], 0..pi/2
     distance: Float[Array, "rows turns"]  # relative rms distance of the outlines
     size: Float[Array, "rows"]  # log of the ratio of lengths
+    concentration: Float[Array, "rows"]  # difference of the lengths of the EGI mass centres
 
 
 def compare_shape(features: RegionFeatures, rows: AppearanceArrays) -> ShapeComparison:
@@ -80,6 +98,7 @@ def compare_shape(features: RegionFeatures, rows: AppearanceArrays) -> ShapeComp
         direction=half - jnp.abs(half - step % jnp.pi),
         distance=outline_distance(features.outline, rows.outline),
         size=0.25 * lengths,
+        concentration=jnp.sqrt(jnp.sum(features.mass_centre**2) + 1e-12) - rows.concentration,
     )
 
 
@@ -128,25 +147,140 @@ def shape_candidates(
     features: RegionFeatures, rows: AppearanceArrays, group_log_prior: Float[Array, "groups"],
     scales: DeterminationScales, most: int, roll_step: float,
 ) -> Candidates:
-    """A1, A2, A4, A5: the best `most` appearances by mean normal, EGI, inertia direction, size and outline, each at its
-    best turn.
+    """A1-A8: the best `most` appearances by mean normal, EGI, inertia direction, size and outline, then by the brothers
+    and by what lies where, each at its best turn.
 
-    `roll_step` [rad] is the angle between the rolls of the appearances.
+    Brothers and maps count in groups whose determination steps use them. `roll_step` [rad] is the angle between the
+    rolls of the appearances.
     """
     seen = compare_shape(features, rows)
-    unique = (features.inertia.uniqueness > scales.least_uniqueness) & (rows.inertia[:, 3] > scales.least_uniqueness)
-    a1 = 0.5 * (seen.tilt / scales.tilt) ** 2
+    a1 = mass_centre_penalty(seen, scales)
     l1 = bounded(seen.size / scales.size)
-    a4 = jnp.where(unique[:, None], bounded(seen.direction / scales.direction)[None, :], 0.0)
+    a4 = direction_penalty(features, rows, seen, scales)
     a5 = bounded(seen.distance / scales.outline)
     penalty = a4 + a5 + jnp.where(within_roll(seen.turn, roll_step), 0.0, FAR)
     at = jnp.argmin(penalty, axis=1)
     excess, elsewhere = egi_penalty(features, rows, scales)
     whole = jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] + l1 + jnp.minimum(excess, MOST_PENALTY)
     score = group_log_prior[rows.group] - a1 - elsewhere - whole
-    value, row = jax.lax.top_k(jnp.where(rows.area > 0, score, -jnp.inf), most)
+    value, row = jax.lax.top_k(jnp.where(rows.area > 0, score, -jnp.inf), min(2 * most, rows.area.shape[0]))
+    value = value - map_penalty(features, take_rows(rows, row), scales, at[row])
+    value, kept = jax.lax.top_k(value, most)
+    row = row[kept]
     R = about_normal(features.mean_normal, seen.turn[row, at[row]]) @ facing(rows, row, features.mean_normal)
     return Candidates(R, row, value)
+
+
+def mass_centre_penalty(seen: ShapeComparison, scales: DeterminationScales) -> Float[Array, "rows"]:
+    """A1: of the angle between the EGI mass centres, and of their lengths, which a cut region changes."""
+    return 0.5 * (seen.tilt / scales.tilt) ** 2 + bounded(seen.concentration / scales.concentration)
+
+
+def direction_penalty(
+    features: RegionFeatures, rows: AppearanceArrays, seen: ShapeComparison, scales: DeterminationScales
+) -> Float[Array, "rows turns"]:
+    """A4: of the angle between inertia directions, where both have one."""
+    unique = (features.inertia.uniqueness > scales.least_uniqueness) & (rows.inertia[:, 3] > scales.least_uniqueness)
+    return jnp.where(unique[:, None], bounded(seen.direction / scales.direction)[None, :], 0.0)
+
+
+def relation_penalty(
+    features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
+) -> Float[Array, "rows turns"]:
+    """A3: of the angle between the directions toward brothers, at each turn of the outline; of two brothers the one that
+    fits best. None where a region or an appearance has no brother."""
+    n_theta = rows.outline.shape[-1]
+    step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
+    seen, stored = features.brothers, rows.brothers
+    apart = brother_angle(seen)[None, :, None] - brother_angle(stored)[:, None, :]
+    misfit = brother_misfit(seen[None, :, None], stored[:, None, :], jnp.zeros((), bool))
+    turn = jnp.abs(wrapped(apart[..., None] - step)) / scales.relation
+    there = (seen[None, :, None, THERE] > 0) & (stored[:, None, :, THERE] > 0) & (misfit < MOST_MISFIT)
+    each = jnp.where(there[..., None], bounded(turn) + bounded(misfit)[..., None], jnp.inf)
+    best = jnp.min(each, axis=(1, 2))
+    return jnp.where(jnp.isfinite(best), jnp.minimum(best, 2.0 * MOST_PENALTY), 0.0)
+
+
+class MapAgreement(NamedTuple):
+    """How much edges and surface characteristics disagree with appearances', 0..1, at each turn of the outline."""
+
+    characteristic: Float[Array, "rows turns"]  # A6
+    edges: Float[Array, "rows turns"]  # A7
+    both: Float[Array, "rows turns"]  # A8: edges where the characteristics are right
+
+
+def compare_maps(features: RegionFeatures, rows: AppearanceArrays) -> MapAgreement:
+    """One region against some appearances; a map that is empty agrees with nothing."""
+    n_theta = rows.outline.shape[-1]
+    finer = jnp.arange(n_theta) * (ANGLES / n_theta)
+    below = jnp.floor(finer).astype(jnp.int32)
+    share = finer - below
+
+    def at_turns(correlation: Float[Array, "rows angles"]) -> Float[Array, "rows turns"]:
+        return correlation[:, below] * (1.0 - share) + correlation[:, (below + 1) % ANGLES] * share
+
+    kinds = at_turns(turn_correlation(features.characteristic_map, rows.characteristic_map.astype(jnp.float32)))
+    edges = at_turns(turn_correlation(features.edge_map, rows.edge_map.astype(jnp.float32)))
+    return MapAgreement(1.0 - kinds, 1.0 - edges, 1.0 - jnp.maximum(kinds, 0.0) * jnp.maximum(edges, 0.0))
+
+
+def map_penalty(
+    features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales, at: Int[Array, "rows"]
+) -> Float[Array, "rows"]:
+    """Penalties of A3 and A6-A8 at given turns, of the rules that each row's group uses."""
+    maps = compare_maps(features, rows)
+    uses = rows.uses[rows.group]
+    each = (
+        (2, relation_penalty(features, rows, scales)), (5, bounded(maps.characteristic / scales.characteristic)),
+        (6, bounded(maps.edges / scales.edges)), (7, bounded(maps.both / scales.both)),
+    )  # fmt: skip
+    at_turn = [uses[:, k] * jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] for k, penalty in each]
+    return jnp.sum(jnp.stack(at_turn), axis=0)
+
+
+def take_rows(rows: AppearanceArrays, index: Int[Array, "n"]) -> AppearanceArrays:
+    """Some of the appearances."""
+    return AppearanceArrays(*(values[index] for values in rows[:-1]), rows.uses)
+
+
+@dataclass(frozen=True)
+class DeterminationRule:
+    """One of A1..A8: name, title, cost relative to A1, which freedom it takes, and its penalty
+    (-log-likelihood) of every appearance at every turn. `None`: it compares without turns (A1, A2)."""
+
+    name: str
+    title: str
+    cost: float
+    fixes: str  # "direction", "two rotations", "rotation" or "attitude"
+    penalty: Callable[[RegionFeatures, AppearanceArrays, DeterminationScales], Float[Array, "rows turns"]] | None
+
+
+DETERMINATION_RULES = (
+    DeterminationRule("A1", "EGI mass centre", 1.0, "direction", None),
+    DeterminationRule("A2", "extended Gaussian image", 3.0, "attitude", None),
+    DeterminationRule("A3", "position of observable regions", 2.0, "two rotations", relation_penalty),
+    DeterminationRule(
+        "A4", "inertia direction of original face", 1.0, "two rotations",
+        lambda f, rows, scales: direction_penalty(f, rows, compare_shape(f, rows), scales),
+    ),
+    DeterminationRule(
+        "A5", "rotation of original face shape", 2.0, "rotation",
+        lambda f, rows, scales: bounded(outline_distance(f.outline, rows.outline) / scales.outline),
+    ),
+    DeterminationRule(
+        "A6", "position of surface characteristics", 4.0, "rotation",
+        lambda f, rows, scales: bounded(compare_maps(f, rows).characteristic / scales.characteristic),
+    ),
+    DeterminationRule(
+        "A7", "position of edges", 4.0, "rotation",
+        lambda f, rows, scales: bounded(compare_maps(f, rows).edges / scales.edges),
+    ),
+    DeterminationRule(
+        "A8", "edges relative to surface characteristics", 6.0, "rotation",
+        lambda f, rows, scales: bounded(compare_maps(f, rows).both / scales.both),
+    ),
+)
+DETERMINATION_RULE_NAMES = tuple(rule.name for rule in DETERMINATION_RULES)
 
 
 def within_roll(turn: Float[Array, "*n"], roll_step: float) -> Array:

@@ -5,27 +5,21 @@ measurement then decides between all sides at once; by Bayes that is the same de
 error is measured once.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.tree.branches import ROOT, Branches
 from itree_jax.tree.classification_rules import rules_in
+from itree_jax.tree.error_rates import Measured, at_stake, view_weights
 from itree_jax.tree.tree import PRUNED, Nodes
-
-if TYPE_CHECKING:
-    from itree_jax.tree.choice import Measured
 
 
 def joined_nodes(
-    branches: Branches, rules: tuple[str, ...], test: "Measured", prior: Float[np.ndarray, "groups"],
+    branches: Branches, rules: tuple[str, ...], test: Measured, prior: Float[np.ndarray, "groups"],
     kept: Bool[np.ndarray, "groups"], policy: str,
 ) -> tuple[Int[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
     """For every branch the top branch of its many-way node (itself where it is not joined), and at the tops the error
     of the many-way decision."""
-    from itree_jax.tree.choice import at_stake, view_weights
-
     top = tops(branches.parent, rules)
     error = np.zeros(len(rules), np.float32)
     for t in np.unique(top):
@@ -45,7 +39,7 @@ def joined_nodes(
     return top, error
 
 
-def _by_kind(wrong: np.ndarray, test: "Measured", here: np.ndarray):
+def _by_kind(wrong: np.ndarray, test: Measured, here: np.ndarray):
     """Wrong answers and groups of whole draws, then of cut ones, where there are any."""
     cut, group = test.cut[here], test.group[here]
     return [(wrong[kind], group[kind]) for kind in (~cut, cut) if kind.any()]

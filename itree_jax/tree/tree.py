@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.groups import AttitudeGroups
-from itree_jax.tree.leaf_model import LeafModel
 
 ROOT = -1  # parent of the first node
 PRUNED = "pruned"  # rule of a node one side of which holds nothing but pruned groups
@@ -59,7 +58,7 @@ class Determination:
     draws: Int[np.ndarray, "groups"]
     steps: tuple[tuple[str, ...], ...]  # rules used, in order, per group
     rotations_left: Int[np.ndarray, "groups"]  # 1 unique, 2 two candidates, 0 open (all go on)
-    scales: Float[np.ndarray, "10"]  # see `DeterminationScales`
+    scales: Float[np.ndarray, "11"]  # see `DeterminationScales`
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,5 @@ class InterpretationTree:
     determination: Determination
     confusion: Confusion
     appearances: Appearances
-    work_models: tuple[LeafModel, ...]  # of the representative attitudes, one per group
     spacing: float  # of the appearances' viewer directions [rad]
     rolls: int  # rotations per viewer direction

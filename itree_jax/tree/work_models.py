@@ -17,8 +17,9 @@ from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import BROTHER_FIELDS, MOST_MISFIT, THERE, brother_misfit
 from itree_jax.tree.appearances import STORED_BROTHERS, Appearances
 
-EXEMPLARS = 12  # per group: its ten views in the paper's table, at rolls that differ
+EXEMPLARS = 24  # per group: the ten views that the paper's table has of one, at two rolls each and more
 LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
+ALONE = 0.5  # what being alone counts for, in brothers: a region alone agrees with a group that shows one region
 TURN_TOLERANCE = 1  # cells that A4's direction may be off
 
 
@@ -30,7 +31,6 @@ class GroupModels(NamedTuple):
     brothers: Float[Array, "groups exemplars most fields"]
     unique: Bool[Array, "groups exemplars"]  # the exemplar has an inertia direction
     there: Bool[Array, "groups exemplars"]  # False: padding
-    related: Bool[Array, "groups"]  # half of the exemplars or more have a brother
 
 
 def group_models(table: Appearances, group_count: int) -> GroupModels:
@@ -46,29 +46,29 @@ def group_models(table: Appearances, group_count: int) -> GroupModels:
     there = rows >= 0
     shape = (*rows.shape, STORED_BROTHERS, BROTHER_FIELDS)
     beside = np.where(there[..., None, None], table.brothers[rows], 0.0).reshape(shape)
-    related = (beside[..., THERE] > 0).any(axis=-1).sum(axis=1) >= 0.5 * np.maximum(there.sum(axis=1), 1)
     return GroupModels(
         edge_map=jnp.asarray(table.edge_map[rows], jnp.float32),
         characteristic_map=jnp.asarray(table.characteristic_map[rows], jnp.float32),
         brothers=jnp.asarray(beside, jnp.float32),
         unique=jnp.asarray(table.inertia[rows, 3] > LEAST_UNIQUENESS),
         there=jnp.asarray(there),
-        related=jnp.asarray(related),
     )
 
 
 def relation_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
-    """How well the regions beside one region fit the brothers that each group shows: 0 not at all .. 5 exactly.
+    """How well the regions beside one region are those that each group shows: 1 exactly .. 0 not at all.
 
-    0 for every region under a group that shows one region: it expects none, and others may lie there by chance.
+    Brothers that are missing count against a group, and so do regions too many (which may lie there by chance).
     """
     unique = models.unique & (features.inertia.uniqueness > LEAST_UNIQUENESS)
     misfit = brother_misfit(
         features.brothers[None, None, :, None], models.brothers[:, :, None], unique[..., None, None]
     )  # [groups, exemplars, seen, stored]
-    best = jnp.min(misfit, axis=(-2, -1))
-    best = jnp.min(jnp.where(models.there, best, MOST_MISFIT), axis=-1)
-    return jnp.where(models.related, MOST_MISFIT - best, 0.0)
+    found = jnp.sum(1.0 - jnp.min(misfit, axis=-2) / MOST_MISFIT, axis=-1)
+    stored = jnp.sum(models.brothers[..., THERE], axis=-1)
+    seen = jnp.minimum(jnp.sum(features.brothers[..., THERE]), STORED_BROTHERS)
+    agreement = (found + ALONE) / (0.5 * (stored + seen) + ALONE)
+    return jnp.max(jnp.where(models.there, agreement, 0.0), axis=-1)
 
 
 def edge_characteristic_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
