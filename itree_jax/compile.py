@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from itree_cad.part import Part
+from itree_cad.revolution import rings
 from itree_cad.symmetry import symmetries
 from itree_cad.units import check_size
 from itree_kernels.errors import ItreeError
@@ -54,16 +55,17 @@ def compile_tree(
     tell = report or (lambda what, share: None)
     check_policy(policy)
     check_size(part, field_of_view(sensor))
-    tell("casting the dome", 0.0)
+    tell("finding symmetries", 0.0)
+    symmetry = symmetries(part)
+    part = rings(part, symmetry)
+    tell("casting the dome", 0.05)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
-    groups = attitude_groups(mesh, part, sensor, dome_frequency, label_faces)
+    groups = attitude_groups(mesh, part, sensor, dome_frequency, label_faces, symmetry=symmetry)
     if groups.pruned.all():
         raise ItreeError(
             f"No attitude group of {part.name!r} can be told by this sensor: {groups.pruned_reason[0]}. "
             "Raise the slant limit, lower the smallest region, or name identifying faces in a part file."
         )
-    tell("finding symmetries", 0.1)
-    symmetry = symmetries(part)
     tell("casting view x roll", 0.15)
     finer = max(1, int(np.ceil(np.sqrt(APPEARANCE_VIEWS / (60.0 * dome_frequency**2)))))
     fine = dome(dome_frequency * finer)

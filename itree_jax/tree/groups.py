@@ -1,35 +1,32 @@
 """Shape labels and attitude groups: the nonlinear shape changes of a part (Ikeuchi 1987, sec. 2.1.1, figures 2d-2g).
 
 The exhaustive method: the part is seen from every direction of the dome, each view gets a label with one digit per
-identifying face (1 if detectable), and views of the same label form an attitude group.
+identifying face (1 if detectable), and views of the same label form an attitude group. Beyond the paper: labels that a
+symmetry of the part carries into each other are the same, a part of revolution is seen once per ring of directions, and
+labels that exist only at the borders of others join them (see `borders`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from itree_cad.face_permutations import face_permutations
 from itree_cad.part import Part
+from itree_cad.symmetry import Symmetries
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensor import Sensor
+from itree_jax.tree.borders import label_costs, standing_labels, surely_different, uncertain_band
 from itree_jax.tree.concavity import STEEP, self_blocking
-from itree_jax.tree.detectable import (
-    Detectable,
-    Progress,
-    cast_views,
-    count_regions,
-    detectable,
-    section_direction,
-    smallest_region_px,
-)
+from itree_jax.tree.detectable import Detectable, Progress, detectable, part_camera
 from itree_jax.tree.dome import camera_rotation, dome
+from itree_jax.tree.meridian import meridian_views
+from itree_jax.tree.representative import largest_sections, prune_reason, representative_rolls, roll_rotation
+from itree_jax.tree.same_label import digit_permutations, group_by_label, whole_orbits
 
 LABEL_FACES = 8  # digits of a label unless the part names its faces: what the paper used of its twelve faces
-# Sections within this share of the largest are equal (views that mirror each other): the first view is taken.
-EQUAL_SECTION = 1e-3
-# Shadows turn with the part, so that turning it to its direction moves the direction a little: settled after this many.
-ROLL_STEPS = 3
+WIDENED = 2  # times as many digits at most, to have all faces that a symmetry carries into each other
 
 
 @dataclass(frozen=True)
@@ -37,12 +34,14 @@ class AttitudeGroups:
     """The views of the dome by shape label; group 0 has the label of the greatest binary number (the paper's group 1).
 
     The groups partition the views. A pruned group keeps its views, but is no leaf of the interpretation tree. (The
-    paper numbers its groups in another order: its groups 1 to 7 are 0, 3, 1, 2, 5, 4, 6 here.)
+    paper numbers its groups in another order: its groups 1 to 7 are 0, 3, 1, 2, 5, 4, 6 here.) A view's label can
+    differ from its group's: by a symmetry of the part, and in digits that it took over at a border, which
+    `membership` tells.
     """
 
     frequency: int  # of the dome
     directions: Float[np.ndarray, "views 3"]  # unit, from the part toward the viewer, part frame
-    R_cam_obj: Float[np.ndarray, "views 3 3"]  # image up = the part's +z projected
+    R_cam_obj: Float[np.ndarray, "views 3 3"]  # image up = +z projected; of a part of revolution, its axis
     face_area: Float[np.ndarray, "views faces"]  # detectable area of each component face in the image plane [mm^2]
     region_count: Int[np.ndarray, "views"]  # detectable regions, of all faces
     identifying_faces: Int[np.ndarray, "digits"]  # component face of each digit, in area order
@@ -51,6 +50,10 @@ class AttitudeGroups:
     labels: Bool[np.ndarray, "views digits"]  # True where the face is detectable
     group_labels: Bool[np.ndarray, "groups digits"]
     group_of_view: Int[np.ndarray, "views"]
+    membership: Float[np.ndarray, "views"]  # 1: the group's label; else the product of area / smallest region, or its
+    # inverse, over the digits that differ: 0.8 for one digit whose area is 20 % off
+    same_digits: Int[np.ndarray, "symmetries digits"]  # digit into which each symmetry carries a digit; identity first
+    smallest_region: float  # of the sensor [mm^2]: a face of a larger detectable area is in the label
     pruned: Bool[np.ndarray, "groups"]  # True: no representative attitude is generated
     pruned_reason: tuple[str, ...]  # "" for a group that is kept
     representative_view: Int[np.ndarray, "groups"]  # view of the largest section; of a pruned group as well
@@ -85,29 +88,37 @@ def attitude_groups(
     frequency: int = 1,
     label_faces: int | None = None,
     progress: Progress | None = None,
+    symmetry: Symmetries | None = None,
 ) -> AttitudeGroups:
     """Sees the part from all 60 frequency^2 directions of the dome and groups the views by shape label.
 
     Args:
         mesh: the part's triangles with its component faces.
         part: its identifying faces make the label; a part that names none gets, in area order, the faces that are
-            detectable from anywhere on the dome.
+            detectable from anywhere on the dome. A part of revolution has rings for faces (`itree_cad.revolution`).
         sensor: camera, lights, slant limit and smallest region decide what is detectable.
         frequency: of the dome.
-        label_faces: most digits of the label for a part that names no faces (default 8).
+        label_faces: most digits of the label for a part that names no faces (default 8); up to twice as many where
+            symmetries carry its faces into others.
         progress: called with (views done, views in all).
+        symmetry: of the part; None takes it for a part without.
 
     Raises:
         ItreeError: nothing of the part is detectable from anywhere.
     """
     directions = dome(frequency).directions
-    R_cam_obj = camera_rotation(directions)
-    seen = detectable(mesh, part, sensor, R_cam_obj, progress)
-    faces = identifying_faces(part, sensor, seen, LABEL_FACES if label_faces is None else label_faces)
-    labels = seen.face_area[:, faces] > sensor.smallest_region
-    group_labels, group_of_view = group_by_label(labels)
+    R_cam_obj, seen = seen_from(mesh, part, sensor, directions, symmetry, progress)
+    permutations = np.arange(part.face_count)[None] if symmetry is None else face_permutations(part, symmetry)
+    most = LABEL_FACES if label_faces is None else label_faces
+    faces = identifying_faces(part, sensor, seen, most, permutations)
+    same_digits = digit_permutations(permutations, faces)
+    digit_area = seen.face_area[:, faces]
+    labels = digit_area > sensor.smallest_region
     blocking = np.array([self_blocking(part, int(face)) for face in faces])
-    view = largest_sections(seen.face_area[:, faces], labels, group_of_view, len(group_labels))
+    band = uncertain_band(sensor, frequency, part_camera(part, sensor).mm_per_px(1.0))
+    group_labels = labels_of_groups(digit_area, same_digits, sensor.smallest_region, blocking, band, frequency**2)
+    group_of_view, membership = nearest_label(digit_area, group_labels, same_digits, sensor.smallest_region, blocking)
+    view = largest_sections(digit_area, labels, group_labels)
     roll, regions = representative_rolls(mesh, part, sensor, R_cam_obj[view], group_labels, faces)
     reasons = tuple(
         prune_reason(label, blocking, int(count)) for label, count in zip(group_labels, regions, strict=True)
@@ -124,6 +135,9 @@ def attitude_groups(
         labels=labels,
         group_labels=group_labels,
         group_of_view=group_of_view,
+        membership=membership,
+        same_digits=same_digits,
+        smallest_region=sensor.smallest_region,
         pruned=np.array([reason != "" for reason in reasons]),
         pruned_reason=reasons,
         representative_view=view,
@@ -132,10 +146,84 @@ def attitude_groups(
     )
 
 
-def identifying_faces(part: Part, sensor: Sensor, seen: Detectable, label_faces: int) -> Int[np.ndarray, "digits"]:
-    """Component face of each digit of the label, in area order: those the part names, else the detectable ones."""
+def group_of_label(groups: AttitudeGroups, face_area: Float[np.ndarray, "n faces"]) -> Int[np.ndarray, "n"]:
+    """The attitude group of anything that shows these detectable areas: of a view at any roll, or of a noisy draw.
+
+    The group whose label costs least to reach from the label that is seen, up to the part's symmetries; the group of
+    that very label if there is one. Of the dome's own views this is `group_of_view`.
+
+    Args:
+        face_area: detectable area of each component face in the image plane [mm^2].
+    """
+    area = face_area[:, groups.identifying_faces]
+    return nearest_label(area, groups.group_labels, groups.same_digits, groups.smallest_region, groups.self_blocking)[0]
+
+
+def nearest_label(
+    digit_area: Float[np.ndarray, "n digits"],
+    group_labels: Bool[np.ndarray, "groups digits"],
+    same_digits: Int[np.ndarray, "symmetries digits"],
+    smallest: float,
+    blocking: Float[np.ndarray, "digits"],
+) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Index of the label that costs least, and the membership that is left, exp(-cost)."""
+    untold = untold_labels(group_labels, blocking)
+    untold_view = untold_labels(digit_area > smallest, blocking)
+    cost = label_costs(digit_area, group_labels, same_digits, smallest, untold, untold_view)
+    group = cost.argmin(axis=1).astype(np.int32)
+    return group, np.exp(-cost[np.arange(len(cost)), group])
+
+
+def labels_of_groups(
+    digit_area: Float[np.ndarray, "views digits"],
+    same_digits: Int[np.ndarray, "symmetries digits"],
+    smallest: float,
+    blocking: Float[np.ndarray, "digits"],
+    band: float,
+    least_views: int,
+) -> Bool[np.ndarray, "groups digits"]:
+    """The labels that make groups, as falling binary numbers."""
+    labels, own = group_by_label(digit_area > smallest, same_digits)
+    untold = untold_labels(labels, blocking)
+    cost = label_costs(digit_area, labels, same_digits, smallest, untold, untold[own])
+    different = surely_different(digit_area, labels, same_digits, smallest, band)
+    return labels[standing_labels(cost, different, least_views)]
+
+
+def untold_labels(
+    labels: Bool[np.ndarray, "n digits"], blocking: Float[np.ndarray, "digits"]
+) -> Bool[np.ndarray, "n"]:
+    """Labels of nothing, or of steep concave faces alone: their groups are pruned."""
+    return np.logical_not(np.any(labels[:, blocking < STEEP], axis=1))
+
+
+def seen_from(
+    mesh: RayMesh,
+    part: Part,
+    sensor: Sensor,
+    directions: Float[np.ndarray, "views 3"],
+    symmetry: Symmetries | None,
+    progress: Progress | None,
+) -> tuple[Float[np.ndarray, "views 3 3"], Detectable]:
+    """`R_cam_obj` of the views and what is detectable from them; of a part of revolution each ring is cast once."""
+    if symmetry is None or not symmetry.continuous:
+        R_cam_obj = camera_rotation(directions)
+        return R_cam_obj, detectable(mesh, part, sensor, R_cam_obj, progress)
+    R_cam_obj, R_ring, ring = meridian_views(directions, [axis for axis, _ in symmetry.continuous])
+    seen = detectable(mesh, part, sensor, R_ring, progress)
+    return R_cam_obj, Detectable(seen.face_area[ring], seen.region_count[ring])
+
+
+def identifying_faces(
+    part: Part, sensor: Sensor, seen: Detectable, label_faces: int, permutations: Int[np.ndarray, "symmetries faces"]
+) -> Int[np.ndarray, "digits"]:
+    """Component face of each digit of the label, in area order: those the part names, else the detectable ones.
+
+    Both with all faces that symmetries carry them into: a face that the part names always brings the others (nothing
+    tells them apart), others do while there are at most twice `label_faces` digits.
+    """
     if part.identifying_faces is not None:
-        return np.array(sorted(part.identifying_faces), dtype=np.int32)
+        return whole_orbits(np.array(part.identifying_faces), permutations, None)
     anywhere = np.flatnonzero(seen.face_area.max(axis=0) > sensor.smallest_region)
     if len(anywhere) == 0:
         raise ItreeError(
@@ -144,74 +232,8 @@ def identifying_faces(part: Part, sensor: Sensor, seen: Detectable, label_faces:
             f"sensor's smallest region {sensor.smallest_region:.1f} mm^2. Check the part's unit, or lower the smallest "
             "region or raise the slant limit of the sensor."
         )
-    return anywhere[:label_faces].astype(np.int32)  # component faces are numbered in area order
-
-
-def group_by_label(
-    labels: Bool[np.ndarray, "views digits"],
-) -> tuple[Bool[np.ndarray, "groups digits"], Int[np.ndarray, "views"]]:
-    """Distinct labels as falling binary numbers, and the one each view has."""
-    rising, index = np.unique(labels, axis=0, return_inverse=True)
-    return rising[::-1], (len(rising) - 1 - index.reshape(-1)).astype(np.int32)
-
-
-def largest_sections(
-    digit_area: Float[np.ndarray, "views digits"],
-    labels: Bool[np.ndarray, "views digits"],
-    group_of_view: Int[np.ndarray, "views"],
-    group_count: int,
-) -> Int[np.ndarray, "groups"]:
-    """The view of each group that shows the largest detectable section of the faces of its label; ties: the first."""
-    section = np.where(labels, digit_area, 0.0).sum(axis=1)
-    chosen = []
-    for group in range(group_count):
-        views = np.flatnonzero(group_of_view == group)
-        chosen.append(views[section[views] >= section[views].max() * (1.0 - EQUAL_SECTION)][0])
-    return np.array(chosen, dtype=np.int32)
-
-
-def representative_rolls(
-    mesh: RayMesh,
-    part: Part,
-    sensor: Sensor,
-    R_cam_obj: Float[np.ndarray, "groups 3 3"],
-    group_labels: Bool[np.ndarray, "groups digits"],
-    faces: Int[np.ndarray, "digits"],
-) -> tuple[Float[np.ndarray, "groups"], Int[np.ndarray, "groups"]]:
-    """Roll [rad] that lays the section's maximum inertia direction along the image's x axis, and the regions seen then.
-
-    A section without such a direction (a disc) or without a face (label of zeros) is not turned.
-    """
-    roll = np.zeros(len(R_cam_obj))
-    for step in range(ROLL_STEPS + 1):
-        alpha, regions = [], []
-        for shapes in cast_views(mesh, part, sensor, roll_rotation(roll) @ R_cam_obj):
-            for face, mask in zip(shapes.face, shapes.detectable, strict=True):
-                section = mask & np.isin(face, faces[group_labels[len(alpha)]])
-                alpha.append(section_direction(section))
-                regions.append(count_regions(mask, smallest_region_px(part, sensor)))
-        if step < ROLL_STEPS:
-            roll = roll - np.array(alpha)
-    return np.arctan2(np.sin(roll), np.cos(roll)), np.array(regions, dtype=np.int32)
-
-
-def prune_reason(label: Bool[np.ndarray, "digits"], blocking: Float[np.ndarray, "digits"], region_count: int) -> str:
-    """Why no representative attitude is generated from a group, or "" when one is (sec. 2.1.1)."""
-    if not label.any():
-        return "no identifying face is detectable"
-    if (blocking[label] >= STEEP).all():
-        share = 100.0 * float(blocking[label].min())
-        return f"only steep concave faces are detectable: they block {share:.0f} % of their own light"
-    if region_count == 0:
-        return "no region is larger than the smallest one"
-    return ""
-
-
-def roll_rotation(roll: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3 3"]:
-    """Rotations about the line of sight: `roll_rotation(a) @ R_cam_obj` turns the image by a [rad] from x toward y."""
-    c, s = np.cos(roll), np.sin(roll)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    return np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, i], -1)], axis=-2)
+    # component faces are numbered in area order
+    return whole_orbits(anywhere[:label_faces], permutations, WIDENED * label_faces)
 
 
 def label_string(label: Bool[np.ndarray, "digits"]) -> str:

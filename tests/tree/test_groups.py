@@ -11,7 +11,9 @@ from itree_kernels.mesh import RayMesh, ray_mesh
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.tree.detectable import cast_views, section_direction
 from itree_jax.tree.dome import dome
-from itree_jax.tree.groups import AttitudeGroups, attitude_groups, group_by_label, prune_reason, roll_rotation
+from itree_jax.tree.groups import AttitudeGroups, attitude_groups, group_of_label
+from itree_jax.tree.representative import prune_reason, roll_rotation
+from itree_jax.tree.same_label import group_by_label
 
 PAPER = bundled_part("ikeuchi-1987")
 SENSOR = bundled_sensor("ikeuchi-1987")
@@ -99,6 +101,30 @@ def test_the_same_part_in_other_units_has_the_same_groups(paper: AttitudeGroups)
     groups = attitude_groups(rays(large), large, sensor)
     assert groups.label_strings == paper.label_strings
     np.testing.assert_array_equal(groups.group_of_view, paper.group_of_view)
+
+
+def test_every_view_is_in_the_group_of_its_label(paper: AttitudeGroups) -> None:
+    np.testing.assert_array_equal(group_of_label(paper, paper.face_area), paper.group_of_view)
+    np.testing.assert_array_equal(paper.membership, 1.0)
+
+
+def test_a_label_at_a_border_or_of_no_group_goes_to_the_group_that_costs_least(paper: AttitudeGroups) -> None:
+    area = np.zeros((5, PAPER.face_count))
+    faces = paper.identifying_faces
+    area[0, faces[[0, 1, 2]]] = 400.0, 400.0, 61.0  # exactly 11100000, however little of f3
+    area[1, faces[[0, 1, 2]]] = 400.0, 59.0, 300.0  # 10100000: f2 is just under the threshold
+    area[2, faces[[0, 1, 6, 7]]] = 400.0, 400.0, 90.0, 65.0  # both sides: the fainter one is dropped
+    area[3, faces[[4, 5, 3]]] = 400.0, 400.0, 70.0  # the hole shows a little beside the half discs
+    area[4, faces[3]] = 500.0
+    strings = [paper.label_strings[group] for group in group_of_label(paper, area)]
+    assert strings == ["11100000", "11100000", "11000010", "00001100", "00010000"]
+
+
+def test_what_can_be_told_never_joins_a_pruned_group(paper: AttitudeGroups) -> None:
+    """One side of the block just over the threshold: nearest to the label of nothing, which is no leaf."""
+    area = np.zeros((1, PAPER.face_count))
+    area[0, paper.identifying_faces[6]] = 61.0
+    assert not paper.pruned[group_of_label(paper, area)].any()
 
 
 def test_a_part_of_which_nothing_is_detectable_is_refused() -> None:
