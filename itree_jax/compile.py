@@ -1,6 +1,7 @@
 """The offline story: part + sensor -> interpretation tree (Ikeuchi 1987, sec. 2)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from itree_cad.part import Part
@@ -8,20 +9,24 @@ from itree_cad.revolution import rings
 from itree_cad.symmetry import symmetries
 from itree_cad.units import check_size
 from itree_kernels.errors import ItreeError
-from itree_kernels.mesh import ray_mesh
+from itree_kernels.mesh import RayMesh, ray_mesh
 
 from itree_jax.sensor import Sensor
-from itree_jax.tree.appearances import appearances
+from itree_jax.tree.appearances import Appearances, appearances
 from itree_jax.tree.branches import branches
-from itree_jax.tree.choice import check_policy, choose_rules, distributions
+from itree_jax.tree.choice import check_policy, choose_rules, distributions, measure_rules
+from itree_jax.tree.confusion import expected_confusion
 from itree_jax.tree.determination import measure_determination
 from itree_jax.tree.dome import camera_rotation, dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
-from itree_jax.tree.groups import attitude_groups
+from itree_jax.tree.error_rates import at_stake
+from itree_jax.tree.groups import AttitudeGroups, attitude_groups, group_of_label
+from itree_jax.tree.leaf_models import leaf_models
 from itree_jax.tree.tree import InterpretationTree
+from itree_jax.tree.work_models import group_models
 
-DRAWS = 200  # noisy draws per group, once for the distributions and once for the error rates
-APPEARANCE_VIEWS = 240  # at least so many viewer directions: 13 degrees apart, within reach of refinement
+DRAWS = 200  # noisy draws per group, once for the distributions and once for the error rates; half of them cut
+APPEARANCE_FREQUENCY = 2  # of the dome: 240 viewer directions, 13 degrees apart, within reach of refinement
 ROLLS = 12  # rotations per viewer direction: 30 degrees apart, at most 15 from the nearest
 Report = Callable[[str, float], None]  # called with what is being done and the share done so far
 
@@ -67,46 +72,70 @@ def compile_tree(
             "Raise the slant limit, lower the smallest region, or name identifying faces in a part file."
         )
     tell("casting view x roll", 0.15)
-    finer = max(1, int(np.ceil(np.sqrt(APPEARANCE_VIEWS / (60.0 * dome_frequency**2)))))
-    fine = dome(dome_frequency * finer)
-    parent = parent_view(dome_frequency, finer)
-    R_fine = camera_rotation(fine.directions)
-    table = appearances(mesh, sensor, R_fine, parent, ROLLS)
+    table = grouped(cast_appearances(mesh, sensor, groups), groups)
     if len(table.attitude) == 0:
         raise ItreeError(
             f"No region of {part.name!r} is larger than the sensor's smallest, "
             f"{sensor.smallest_region} mm^2; lower it."
         )
-
     kept = ~groups.pruned
-    group_of_fine = groups.group_of_view[parent]
-    usable = kept[group_of_fine]
-    train_rng, test_rng = (np.random.default_rng([seed, k]) for k in (1, 2))
-
-    def draw(rng: np.random.Generator) -> Draws:
-        R, group = random_attitudes(fine.triangles[usable], group_of_fine[usable], draws, rng)
-        return noisy_draws(mesh, sensor, R, group, rng)
-
-    tell("drawing under noise", 0.4)
-    train = draw(train_rng)
-    tell("drawing again for the error rates", 0.6)
-    test = draw(test_rng)
-    tell("choosing rules", 0.8)
-    measured = distributions(train, groups.group_count)
     prior = np.where(kept, groups.view_count, 0).astype(float)
     prior /= prior.sum()
+    tell("drawing under noise", 0.4)
+    train = draw_regions(mesh, sensor, groups, draws, np.random.default_rng([seed, 1]))
+    tell("drawing again for the error rates", 0.55)
+    test = draw_regions(mesh, sensor, groups, draws, np.random.default_rng([seed, 2]))
+    tell("choosing rules", 0.7)
+    models = group_models(table, groups.group_count)
+    measured = distributions(at_stake(train, policy), models, groups.group_count)
+    told = measure_rules(test, models, measured, prior)
     branch = branches(groups.group_labels, groups.identifying_areas, groups.pruned)
-    nodes = choose_rules(branch, measured, test, prior, kept, policy)
-    tell("measuring determination", 0.85)
-    determination = measure_determination(
-        table, groups.group_of_view, ROLLS, symmetry, train, test, groups.group_count
-    )
+    nodes = choose_rules(branch, told, prior, kept, policy)
+    confusion = expected_confusion(nodes, told, prior, kept)
+    tell("measuring determination", 0.8)
+    determination = measure_determination(table, ROLLS, symmetry, train, test, groups.group_count, policy)
+    tell("work models", 0.95)
+    leaves = leaf_models(mesh, sensor, groups)
     tell("done", 1.0)
     return InterpretationTree(
         part=part, obj_id=obj_id, symmetries=symmetry, sensor=sensor, policy=policy, seed=seed, groups=groups,
-        nodes=nodes, distributions=measured, determination=determination, appearances=table,
-        spacing=float(np.sqrt(4.0 * np.pi / len(fine.directions))), rolls=ROLLS,
+        nodes=nodes, distributions=measured, determination=determination, confusion=confusion, appearances=table,
+        leaf_models=leaves, spacing=float(np.sqrt(4.0 * np.pi / len(dome(APPEARANCE_FREQUENCY).directions))),
+        rolls=ROLLS,
     )
+
+
+def cast_appearances(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> Appearances:
+    """The appearances over view x roll; each view named by the cell of the groups' dome that holds it."""
+    fine, times = dome(APPEARANCE_FREQUENCY), APPEARANCE_FREQUENCY // groups.frequency
+    if times * groups.frequency == APPEARANCE_FREQUENCY:
+        cell = parent_view(groups.frequency, times)
+    else:
+        cell = np.argmax(fine.directions @ groups.directions.T, axis=1)
+    return appearances(mesh, sensor, camera_rotation(fine.directions), cell, ROLLS)
+
+
+def grouped(table: Appearances, groups: AttitudeGroups) -> Appearances:
+    """The table with every attitude's group, by what is detectable at its view and roll."""
+    return replace(table, group=group_of_label(groups, table.face_area).astype(np.int32))
+
+
+def draw_regions(
+    mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups, count: int, rng: np.random.Generator
+) -> Draws:
+    """`count` noisy draws from the dome's cells of every group that is kept.
+
+    A draw's true group is that of what is really detectable in it, which need not be its cell's; draws of pruned groups
+    are left out. (A group that no draw shows by its label keeps those of its cells.)
+    """
+    usable = np.flatnonzero(~groups.pruned[groups.group_of_view])
+    cells = dome(groups.frequency).triangles[usable]
+    R_cam_obj, of_cell = random_attitudes(cells, groups.group_of_view[usable], count, rng)
+    drawn = noisy_draws(mesh, sensor, R_cam_obj, of_cell, rng)
+    group = group_of_label(groups, drawn.face_area)
+    shown = np.bincount(group, minlength=groups.group_count)
+    group = np.where(shown[drawn.group] == 0, drawn.group, group)
+    return drawn.regrouped(np.where(groups.pruned[group], -1, group))
 
 
 def field_of_view(sensor: Sensor) -> float:

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from itree_jax.answers import Interpretation, best_reason, describe
 from itree_jax.detections import Detections
-from itree_jax.features.region import RegionFeatures, measure_batch
-from itree_jax.features.window import Window, extract_windows
+from itree_jax.features.region import RegionFeatures, measure_batch, with_brothers
+from itree_jax.features.relation import brothers
+from itree_jax.features.window import Window, extract_images, extract_windows
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
@@ -37,6 +38,8 @@ from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import WINDOW_SIZE
 from itree_jax.tree.classify import classify
 from itree_jax.tree.determine import determine
+from itree_jax.tree.draws import BESIDE_REACH
+from itree_jax.tree.sights import needle_deviation, window_edges
 from itree_jax.tree.tree import InterpretationTree
 
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
@@ -90,7 +93,7 @@ def recognize_one(
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
     found = regions(needle, depth, sensor, R_w2c)
     noise = depth_noise(depth, depth > 0)
-    answers = [interpret(p, found, needle, depth, sensor, noise) for p in prepared] if found.count else []
+    answers = [interpret(p, found, needle, images, depth, sensor, noise) for p in prepared] if found.count else []
     answers = compete(answers, (sensor.camera.height, sensor.camera.width))
     detections = describe(answers, found)
     recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
@@ -102,12 +105,14 @@ def recognize_one(
 
 
 def interpret(
-    prepared: Prepared, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor,
-    noise: float,
+    prepared: Prepared, found: Regions, needle: NeedleMap, images: Float[np.ndarray, "lights height width"],
+    depth: Float[np.ndarray, "height width"], sensor: Sensor, noise: float,
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions in one batch."""
     tree = prepared.tree
-    features, R_ray_cam = region_features(found, needle, sensor, prepared.pitch)
+    features, R_ray_cam = region_features(
+        found, needle, images, sensor, prepared.pitch, BESIDE_REACH * prepared.model.reach
+    )
     classification = classify(features, prepared.classification)
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
@@ -182,16 +187,45 @@ def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list
 
 
 def region_features(
-    found: Regions, needle: NeedleMap, sensor: Sensor, pitch: float
+    found: Regions, needle: NeedleMap, images: Float[np.ndarray, "lights height width"], sensor: Sensor, pitch: float,
+    reach: float,
 ) -> tuple[RegionFeatures, Float[np.ndarray, "regions 3 3"]]:
     """Work models of all regions (padded to a batch by repeating the first), and their viewing-ray frames."""
+    normals = np.asarray(needle.normals, np.float32)
     windows, R_ray_cam = extract_windows(
-        found.labels, np.asarray(needle.normals, np.float32), np.arange(found.count), found.centroid_uv,
-        found.mean_depth, sensor.camera, pitch, WINDOW_SIZE,
+        found.labels, normals, np.arange(found.count), found.centroid_uv, found.mean_depth, sensor.camera, pitch,
+        WINDOW_SIZE,
+    )
+    seen = extract_images(
+        images / sensor.light_intensities[:, None, None].astype(np.float32), found.centroid_uv, found.mean_depth,
+        sensor.camera, pitch, WINDOW_SIZE,
     )
     extra = -found.count % REGION_BATCH
-    padded = Window(*(np.concatenate([a, np.repeat(np.asarray(a)[:1], extra, axis=0)]) for a in windows))
-    return measure_batch(padded), R_ray_cam
+
+    def padded(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, np.repeat(np.asarray(values)[:1], extra, axis=0)])
+
+    edges = window_edges(padded(seen), sensor.noise)
+    features = measure_batch(
+        Window(*(padded(a) for a in windows)), edges, np.float32(needle_deviation(sensor.noise))
+    )
+    return with_brothers(features, padded(brothers_in_scene(found, features, R_ray_cam, sensor, reach))), R_ray_cam
+
+
+def brothers_in_scene(
+    found: Regions, features: RegionFeatures, R_ray_cam: Float[np.ndarray, "regions 3 3"], sensor: Sensor, reach: float
+) -> Float[np.ndarray, "regions most fields"]:
+    """Other regions within reach of every region [mm], in the frame of its viewing ray."""
+    count = found.count
+    X_cam = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+    normal_ray, area = np.asarray(features.mean_normal)[:count], np.asarray(features.area)[:count]
+    normal_cam = np.einsum("rca,rc->ra", R_ray_cam, normal_ray)
+    alpha = np.asarray(features.inertia.alpha)[:count]
+    found_of = [
+        brothers(X_cam @ R.T, normal_cam @ R.T, np.full(count, alpha[k]), area, reach)[k]
+        for k, R in enumerate(R_ray_cam)
+    ]
+    return np.stack(found_of)
 
 
 def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:

@@ -59,6 +59,23 @@ def extract_windows(
     return Window(mask, window_normals, pitch), R_ray_cam
 
 
+def extract_images(
+    images: Float[np.ndarray, "lights h w"],
+    centre_uv: Float[np.ndarray, "r 2"],
+    mean_depth: Float[np.ndarray, "r"],
+    camera: Camera,
+    pitch_mm: float,
+    size: int,
+) -> Float[np.ndarray, "r lights size size"]:
+    """Lit images in the windows of `extract_windows`, whatever lies there; dark outside of the image."""
+    R_ray_cam = smallest_rotation_to_z(camera.viewing_ray(np.asarray(centre_uv, dtype=float)))
+    u, v = _sample_points(centre_uv, mean_depth, camera, R_ray_cam, pitch_mm, size)
+    height, width = images.shape[-2:]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    seen = images[:, np.where(inside, v, 0), np.where(inside, u, 0)]
+    return np.moveaxis(np.where(inside, seen, 0.0), 0, 1).astype(np.float32)
+
+
 def smallest_rotation_to_z(ray: Float[np.ndarray, "*r 3"]) -> Float[np.ndarray, "*r 3 3"]:
     """The rotation of smallest angle that takes unit vector `ray` (z > 0) to +z; exactly the identity for +z."""
     x, y, z = np.moveaxis(np.asarray(ray, dtype=float), -1, 0)

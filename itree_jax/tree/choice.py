@@ -17,7 +17,6 @@ from itree_jax.tree.classification_rules import (
     RULE_NAMES,
     log_likelihoods,
     quantities,
-    rules_in,
 )
 from itree_jax.tree.draws import Draws
 from itree_jax.tree.error_rates import Measured, at_stake, expected, independent_draws, whole_and_cut, wilson_interval
@@ -79,14 +78,14 @@ def choose_rules(
     for k in np.flatnonzero(~branches.pruned):
         sides = branches.visible[k] & kept, branches.hidden[k] & kept
         here = (sides[0] | sides[1])[test.group]
-        at = Measured(test.log_likelihood[:, here], test.group[here], test.cut[here])
+        at = test.take(np.flatnonzero(here))
         rates[k] = np.array([whole_and_cut(at, (r,), prior, *sides) for r in range(rules)])
         names[k], own[k] = choose_rule(at, rates[k], prior, *sides, policy)
         used = at_stake(at, policy)
-        error[k], draws[k] = expected(own[k], policy), used.sum()
-        independent = independent_draws(at.group[used], prior)
+        error[k], draws[k] = expected(own[k], policy), len(used.group)
+        independent = independent_draws(used.group, prior)
         interval[k] = wilson_interval(error[k] * independent, independent)
-    joint, joint_error = joined_nodes(branches, tuple(names), test, prior, kept, policy)
+    joint, joint_error = joined_nodes(branches, tuple(names), test, prior, kept)
     return Nodes(
         branch=branches.names, tested=branches.tested, parent=branches.parent, on_visible_side=branches.on_visible_side,
         visible=branches.visible, hidden=branches.hidden, rule=tuple(names), error=error, error_interval=interval,
@@ -125,8 +124,3 @@ def cheapest_of_equals(errors: Float[np.ndarray, "rules"], costs: list[float]) -
     """The cheapest among those within `EQUAL_ERROR` of the least; of equal cost, the one that errs least."""
     equal = np.flatnonzero(errors <= errors.min() + EQUAL_ERROR)
     return int(min(equal, key=lambda k: (costs[k], errors[k])))
-
-
-def names_of(name: str) -> tuple[str, ...]:
-    """The rules of a node, one by one."""
-    return tuple(RULE_NAMES[k] for k in rules_in(name))

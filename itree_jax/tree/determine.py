@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.tree.determination import appearance_arrays
+from itree_jax.tree.determination import appearance_arrays, rules_used
 from itree_jax.tree.determination_rules import (
     AppearanceArrays,
     Candidates,
@@ -29,7 +29,7 @@ class DeterminationArrays(NamedTuple):
 
 
 def determination_arrays(tree: InterpretationTree) -> DeterminationArrays:
-    rows = appearance_arrays(tree.appearances, tree.groups.group_of_view)
+    rows = appearance_arrays(tree.appearances, rules_used(tree.determination.steps))
     scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
     return DeterminationArrays(rows, scales, 2.0 * np.pi / tree.rolls)
 

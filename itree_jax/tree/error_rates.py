@@ -1,9 +1,21 @@
 """Error rates of rules on noisy draws: of draws that stand alone and of draws that another part cuts."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+
+class HasKinds(Protocol):
+    """Draws of both kinds."""
+
+    @property
+    def cut(self) -> Bool[np.ndarray, "draws"]: ...
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> Self: ...
+
+
+Kinds = TypeVar("Kinds", bound=HasKinds)
 
 
 class Measured(NamedTuple):
@@ -12,6 +24,9 @@ class Measured(NamedTuple):
     log_likelihood: Float[np.ndarray, "rules draws groups"]
     group: Int[np.ndarray, "draws"]
     cut: Bool[np.ndarray, "draws"]
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Measured":
+        return Measured(self.log_likelihood[:, index], self.group[index], self.cut[index])
 
 
 def side_margin(
@@ -55,9 +70,9 @@ def expected(errors: Float[np.ndarray, "*n 2"], policy: str) -> Float[np.ndarray
     return errors[..., 0] if policy == "paper" else errors.mean(axis=-1)
 
 
-def at_stake(at: Measured, policy: str) -> Bool[np.ndarray, "draws"]:
-    """The draws that a policy's errors are measured on."""
-    return ~at.cut if policy == "paper" else np.ones(len(at.cut), bool)
+def at_stake(draws: Kinds, policy: str) -> Kinds:
+    """The draws that a policy goes by: the paper's regions are not cut."""
+    return draws.take(np.flatnonzero(~draws.cut)) if policy == "paper" else draws
 
 
 def view_weights(group: Int[np.ndarray, "draws"], prior: Float[np.ndarray, "groups"]) -> Float[np.ndarray, "draws"]:

@@ -10,39 +10,39 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.tree.branches import ROOT, Branches
 from itree_jax.tree.classification_rules import rules_in
-from itree_jax.tree.error_rates import Measured, at_stake, view_weights
+from itree_jax.tree.error_rates import Measured, view_weights
 from itree_jax.tree.tree import PRUNED, Nodes
 
 
 def joined_nodes(
     branches: Branches, rules: tuple[str, ...], test: Measured, prior: Float[np.ndarray, "groups"],
-    kept: Bool[np.ndarray, "groups"], policy: str,
-) -> tuple[Int[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
+    kept: Bool[np.ndarray, "groups"],
+) -> tuple[Int[np.ndarray, "nodes"], Float[np.ndarray, "nodes 2"]]:
     """For every branch the top branch of its many-way node (itself where it is not joined), and at the tops the error
-    of the many-way decision."""
+    of the many-way decision on whole and on cut regions."""
     top = tops(branches.parent, rules)
-    error = np.zeros(len(rules), np.float32)
+    error = np.zeros((len(rules), 2), np.float32)
     for t in np.unique(top):
         if rules[t] == PRUNED:
             continue
-        side = sides_of(branches.visible & kept, branches.hidden & kept, branches.parent, branches.on_visible_side,
-                        top, int(t))  # fmt: skip
-        here = (side[test.group] >= 0) & at_stake(test, policy)
-        if not here.any():
-            continue
-        with np.errstate(divide="ignore"):
-            weighted = test.log_likelihood[list(rules_in(rules[t]))].sum(axis=0)[here] + np.log(prior)
-        said = np.stack([np.logaddexp.reduce(weighted[:, side == s], axis=1) for s in range(side.max() + 1)], axis=1)
-        wrong = said.argmax(axis=1) != side[test.group[here]]
-        kinds = [wrong_kind @ view_weights(group, prior) for wrong_kind, group in _by_kind(wrong, test, here)]
-        error[t] = float(np.mean(kinds))
+        side = sides_of(branches.visible & kept, branches.hidden & kept, top, int(t))
+        at = test.take(np.flatnonzero(side[test.group] >= 0))
+        wrong = side_said(at, rules[t], prior, side) != side[at.group]
+        for kind, cut in enumerate((False, True)):
+            own = at.cut == cut
+            error[t, kind] = wrong[own] @ view_weights(at.group[own], prior) if own.any() else np.nan
+        error[t] = np.where(np.isnan(error[t]), np.nanmax(np.append(error[t], 0.0)), error[t])
     return top, error
 
 
-def _by_kind(wrong: np.ndarray, test: Measured, here: np.ndarray):
-    """Wrong answers and groups of whole draws, then of cut ones, where there are any."""
-    cut, group = test.cut[here], test.group[here]
-    return [(wrong[kind], group[kind]) for kind in (~cut, cut) if kind.any()]
+def side_said(
+    at: Measured, rule: str, prior: Float[np.ndarray, "groups"], side: Int[np.ndarray, "groups"]
+) -> Int[np.ndarray, "draws"]:
+    """The side of a many-way node that every draw is put on."""
+    with np.errstate(divide="ignore"):
+        weighted = at.log_likelihood[list(rules_in(rule))].sum(axis=0) + np.log(prior)
+    likelihood = [np.logaddexp.reduce(weighted[:, side == s], axis=1) for s in range(side.max() + 1)]
+    return np.stack(likelihood, axis=1).argmax(axis=1)
 
 
 def tops(parent: Int[np.ndarray, "nodes"], rules: tuple[str, ...]) -> Int[np.ndarray, "nodes"]:
@@ -58,8 +58,8 @@ def tops(parent: Int[np.ndarray, "nodes"], rules: tuple[str, ...]) -> Int[np.nda
 
 
 def sides_of(
-    visible: Bool[np.ndarray, "nodes groups"], hidden: Bool[np.ndarray, "nodes groups"], parent: Int[np.ndarray, "n"],
-    on_visible_side: Bool[np.ndarray, "nodes"], top: Int[np.ndarray, "nodes"], node: int,
+    visible: Bool[np.ndarray, "nodes groups"], hidden: Bool[np.ndarray, "nodes groups"], top: Int[np.ndarray, "nodes"],
+    node: int,
 ) -> Int[np.ndarray, "groups"]:
     """Which side of a many-way node every group is on, -1 for groups that don't reach it.
 
@@ -77,6 +77,9 @@ def sides_of(
 
 def many_way_sides(nodes: Nodes, kept: Bool[np.ndarray, "groups"], node: int) -> Int[np.ndarray, "groups"]:
     """`sides_of` of a finished tree."""
-    return sides_of(
-        nodes.visible & kept, nodes.hidden & kept, nodes.parent, nodes.on_visible_side, nodes.joined, node
-    )
+    return sides_of(nodes.visible & kept, nodes.hidden & kept, nodes.joined, node)
+
+
+def many_way_nodes(nodes: Nodes) -> list[int]:
+    """The tops of the nodes that decide something, parents first."""
+    return [int(k) for k in np.unique(nodes.joined) if nodes.rule[k] != PRUNED]

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.groups import AttitudeGroups
+from itree_jax.tree.leaf_model import LeafModel
 
 ROOT = -1  # parent of the first node
 PRUNED = "pruned"  # rule of a node one side of which holds nothing but pruned groups
@@ -36,7 +37,7 @@ class Nodes:
     whole_and_cut: Float[np.ndarray, "nodes 2"]  # of the chosen rule
     draws: Int[np.ndarray, "nodes"]  # noisy draws that `error` was measured with
     joined: Int[np.ndarray, "nodes"]  # top branch of the many-way node this branch is joined to (sec. 2.1.5)
-    joined_error: Float[np.ndarray, "nodes"]  # at the tops: error rate of the many-way decision
+    joined_error: Float[np.ndarray, "nodes 2"]  # at the tops: of the many-way decision on whole and on cut regions
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,10 @@ class Determination:
 
 @dataclass(frozen=True)
 class Confusion:
-    """How well whole regions and cut ones find their leaf: predicted from the nodes' errors, and counted."""
+    """How well regions find their leaf, expected from the errors of the nodes, and which groups no rule tells apart."""
 
-    predicted: Float[np.ndarray, "2"]  # expected error of the whole tree, on whole and on cut regions
-    counted: Float[np.ndarray, "2"]  # the same on fresh draws
-    counted_interval: Float[np.ndarray, "2 2"]  # 95 %
-    table: Float[np.ndarray, "groups groups"]  # share of a group's fresh draws (rows) that end in each leaf
+    expected_error: Float[np.ndarray, "2"]  # of the whole tree, on whole and on cut regions
+    group_error: Float[np.ndarray, "groups 2"]  # of the regions of each group; NaN where pruned
     pair_error: Float[np.ndarray, "groups groups"]  # of the best rule between two groups alone; NaN where not both kept
     pair_rule: tuple[tuple[str, ...], ...]  # that rule's name
 
@@ -89,5 +88,6 @@ class InterpretationTree:
     determination: Determination
     confusion: Confusion
     appearances: Appearances
+    leaf_models: tuple[LeafModel, ...]  # of the representative attitudes, one per group
     spacing: float  # of the appearances' viewer directions [rad]
     rolls: int  # rotations per viewer direction
