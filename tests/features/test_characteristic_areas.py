@@ -1,6 +1,7 @@
 """Rectangles of one characteristic on the face, and back on the image (Ikeuchi 1987, sec. 3.4 and 5.2)."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -116,22 +117,21 @@ def test_the_supposed_characteristic_is_found_in_its_place_and_nowhere_else(comp
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_support_of_a_rectangle_that_is_half_off_the_window_is_a_half(sense: int) -> None:
-    memberships = np.zeros((48, 48, 5), dtype=np.float32)
-    memberships[..., PLANAR] = 1
-    polygon = np.array([[-10.5, 10.2], [9.5, 10.2], [9.5, 20.7], [-10.5, 20.7]], dtype=np.float32)[::sense]
+    memberships = jnp.zeros((48, 48, 5)).at[..., PLANAR].set(1.0)
+    polygon = np.array([[-10.5, 10.2], [9.5, 10.2], [9.5, 20.7], [-10.5, 20.7]], dtype=np.float32)
+    polygon = jnp.asarray(polygon[::sense])
     assert float(area_support(memberships, polygon, PLANAR)) == pytest.approx(0.5, abs=1e-5)
     assert float(area_support(memberships, polygon, CYLINDRICAL)) == 0.0
-    assert float(area_support(memberships, np.zeros((4, 2), np.float32), PLANAR)) == 0.0
+    assert float(area_support(memberships, jnp.zeros((4, 2)), PLANAR)) == 0.0
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.3, 0.785, 1.3])
 def test_the_support_of_a_place_that_is_all_of_one_kind_is_1(turn: float) -> None:
-    memberships = np.zeros((48, 48, 5), dtype=np.float32)
-    memberships[..., PLANAR] = 1
+    memberships = jnp.zeros((48, 48, 5)).at[..., PLANAR].set(1.0)
     for width, within in ((0.6, 0.1), (5.0, 0.02)):
         corners = np.array([[-9, -width / 2], [9, -width / 2], [9, width / 2], [-9, width / 2]])
         turned = corners @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + 23.3
-        support = float(area_support(memberships, turned.astype(np.float32), PLANAR))
+        support = float(area_support(memberships, jnp.asarray(turned, dtype=jnp.float32), PLANAR))
         assert support == pytest.approx(1.0, abs=within)
 
 
