@@ -34,6 +34,7 @@ class CharacteristicArea(NamedTuple):
     characteristic: int  # index in CHARACTERISTICS
     vertices: Float[np.ndarray, "4 2"]  # of the rectangle [mm] on the face: along and across the larger moment
     area: float  # surface of the piece [mm^2]
+    support: float  # `area_support` of the rectangle on this very region: what an image of the same can reach at best
 
 
 def characteristic_areas(
@@ -53,16 +54,22 @@ def characteristic_areas(
         most: how many pieces are kept.
         least_share: surface of the smallest piece that is kept, as a share of the region's.
     """
-    memberships, surface, inertia, T = (jax.tree.map(np.asarray, part) for part in _measured(window, needle_std))
+    memberships, surface, inertia, T = jax.tree.map(np.asarray, _measured(window, needle_std))
+    pitch = float(np.asarray(window.pitch))
     likeliest = np.where(memberships.sum(axis=-1) > 0, memberships.argmax(axis=-1), -1)
     least = max(least_share * float(surface.sum()), 1e-9)
     pieces = [
-        CharacteristicArea(c, _rectangle(piece, float(window.pitch), T, inertia), float(surface[piece].sum()))
+        (float(surface[piece].sum()), c, piece)
         for c in range(len(CHARACTERISTICS))
         for piece in _connected(likeliest == c)
         if piece.sum() >= LEAST_PIXELS and surface[piece].sum() >= least
     ]
-    return sorted(pieces, key=lambda piece: -piece.area)[:most]
+    found = []
+    for area, c, piece in sorted(pieces, key=lambda each: -each[0])[:most]:
+        bare = CharacteristicArea(c, _rectangle(piece, pitch, T, inertia), area, 0.0)
+        (polygon,) = areas_on_image([bare], T, inertia.centroid, float(inertia.alpha), pitch, len(piece))
+        found.append(bare._replace(support=float(_support(memberships, polygon, c))))
+    return found
 
 
 def areas_on_image(
@@ -122,6 +129,9 @@ def _coverage(polygon: Float[Array, "4 2"], sense: Float[Array, ""], size: int) 
     # Opposite sides together, so that a strip thinner than a pixel covers its own width of it.
     strips = jnp.maximum(within[:2] + within[2:] - 1.0, 0.0)
     return strips[0] * strips[1]
+
+
+_support = jax.jit(area_support)
 
 
 @jax.jit

@@ -62,7 +62,7 @@ def fit_needles(window: Window) -> NeedleFit:
     pixels, mean_offset, spread = _support(mask.astype(m.dtype))
     least = _smaller_eigenvalue(spread)
     valid = mask & (pixels >= LEAST_PIXELS) & (least >= LEAST_SPREAD)
-    safe = jnp.where(valid[..., None, None], spread, jnp.eye(2, dtype=m.dtype))
+    safe = jnp.where(valid[..., None, None], spread, jnp.eye(2, dtype=m.dtype)[None, None])
     count = jnp.maximum(pixels, 1.0)[..., None]
     total = _box(m)
     along = jnp.stack([_box(m, x=1), _box(m, y=1)], axis=-1) - total[..., :, None] * mean_offset[..., None, :]
@@ -88,7 +88,7 @@ def first_form(normal: Float[Array, "*n 2"]) -> Float[Array, "*n 2 2"]:
     """[[E, F], [F, G]] of the surface with unit normals (n_x, n_y, n_z < 0)."""
     towards_squared = jnp.maximum(1.0 - jnp.sum(normal**2, axis=-1), LEAST_COS_SLANT**2)
     pp_pq_qq = normal[..., :, None] * normal[..., None, :] / towards_squared[..., None, None]
-    return jnp.eye(2, dtype=normal.dtype) + pp_pq_qq
+    return jnp.broadcast_to(jnp.eye(2, dtype=normal.dtype), pp_pq_qq.shape) + pp_pq_qq
 
 
 def gaussian_and_mean(fit: NeedleFit) -> tuple[Float[Array, "s s"], Float[Array, "s s"]]:
