@@ -116,13 +116,14 @@ def _beside(gradient: Float[Array, "h w 2"], normal: Float[Array, "h w 2"], dist
     height, width = gradient.shape[:2]
     framed = jnp.pad(gradient, ((distance, distance), (distance, distance), (0, 0)))
     x, y = normal[..., 0], normal[..., 1]
-    ahead = behind = jnp.zeros_like(x)
     reach = range(-distance, distance + 1)
+    column, row = ({j: _tent(distance * c - j) for j in reach} for c in (x, y))
+    ahead = behind = jnp.zeros_like(x)
     for i, j in ((i, j) for i in reach for j in reach):
         here = framed[distance + i : distance + i + height, distance + j : distance + j + width]
         change = here[..., 0] * x + here[..., 1] * y
-        ahead = ahead + change * _tent(distance * x - j) * _tent(distance * y - i)
-        behind = behind + change * _tent(distance * x + j) * _tent(distance * y + i)
+        ahead = ahead + change * column[j] * row[i]
+        behind = behind + change * column[-j] * row[-i]
     return jnp.maximum(ahead, behind)
 
 

@@ -101,7 +101,7 @@ def _on_line(
     close = free & _same_direction(pixels, tangent) & (np.abs(off) <= STRAIGHT) & (np.abs(along) <= reach)
     index = np.flatnonzero(close)
     index = index[np.argsort(along[index], kind="stable")]
-    part = np.concatenate([[0], np.cumsum(np.diff(along[index]) > gap)]) if len(index) else index
+    part = np.concatenate([[0], np.cumsum(np.diff(along[index]) > gap + 1.0)]) if len(index) else index
     home = part[np.argmin(np.abs(along[index]))] if len(index) else 0
     close[index[part != home]] = False
     return close
