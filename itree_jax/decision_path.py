@@ -4,15 +4,17 @@ import numpy as np
 from jaxtyping import Float
 
 from itree_jax.detections import Step
-from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, RULE_NAMES
 from itree_jax.tree.classify import Classification
+from itree_jax.tree.confusion import inseparable
 from itree_jax.tree.determine import remaining_freedom
+from itree_jax.tree.freedom import freedom_along
+from itree_jax.tree.node_quantities import node_quantities, side_samples
 from itree_jax.tree.tree import PRUNED, ROOT, InterpretationTree
 
 
 def decision_path(tree: InterpretationTree, said: Classification, region: int, row: int) -> tuple[Step, ...]:
     """The path of a region to the group of appearance `row`, from the root."""
-    group = int(tree.groups.group_of_view[tree.appearances.view[tree.appearances.attitude[row]]])
+    group = int(tree.appearances.group[tree.appearances.attitude[row]])
     nodes = path_to(tree, group)
     steps = [classification_step(tree, said, region, node, group) for node in nodes if tree.nodes.rule[node] != PRUNED]
     return (*steps, *determination_steps(tree, group))
@@ -33,29 +35,34 @@ def depth_of(tree: InterpretationTree, node: int) -> int:
 
 
 def classification_step(tree: InterpretationTree, said: Classification, region: int, node: int, group: int) -> Step:
-    """One node: the rule's vector, the mean vectors of both sides, and the margin toward the side taken."""
+    """One node: what its rule measured, the means of both sides, and the margin toward the side taken."""
     nodes, labels = tree.nodes, tree.groups.label_strings
-    k = RULE_NAMES.index(nodes.rule[node])
-    rule = CLASSIFICATION_RULES[k]
-    measured = np.asarray(said.quantities[k][region], float)
+    asked = node_quantities(tree, node)
+    measured = np.array([said.quantities[q.rule][region, q.column] for q in asked], float)
     kept = ~tree.groups.pruned
     sides = {"visible": nodes.visible[node] & kept, "hidden": nodes.hidden[node] & kept}
     taken = bool(nodes.visible[node, group])
     margin = float(said.node_margin[region, node]) * (1.0 if taken else -1.0)
+    names = [q.name for q in asked]
     compared = {
         side: {
             "groups": [labels[g] for g in np.flatnonzero(members)],
-            **dict(zip(rule.quantity_names, _rounded(side_mean(tree.distributions.samples[k], members)), strict=True)),
+            **dict(zip(names, _rounded(side_mean(tree, node, members)), strict=True)),
         }
         for side, members in sides.items()
     }
     before = int(np.sum(sides["visible"] | sides["hidden"]))
     after = int(np.sum(sides["visible"] if taken else sides["hidden"]))
+    whole, cut = nodes.whole_and_cut[node]
+    top = int(nodes.joined[node])
+    also = {"joined_with": nodes.branch[top]} if top != node else {}
     return Step(
-        node=node, rule=rule.name,
-        measured=dict(zip(rule.quantity_names, _rounded(measured), strict=True)),
-        compared_with={**compared, "taken": "visible" if taken else "hidden", "branch": nodes.branch[node],
-                       "error_rate": round(float(nodes.error[node]), 4)},
+        node=node, rule=nodes.rule[node], measured=dict(zip(names, _rounded(measured), strict=True)),
+        compared_with={
+            **compared, "taken": "visible" if taken else "hidden", "branch": nodes.branch[node], **also,
+            "error_rate": round(float(nodes.error[node]), 4), "error_whole": round(float(whole), 4),
+            "error_cut": round(float(cut), 4),
+        },
         margin=round(margin, 3), freedom_before=counted_groups(before), freedom_after=counted_groups(after),
     )
 
@@ -65,37 +72,35 @@ def counted_groups(count: int) -> str:
 
 
 def determination_steps(tree: InterpretationTree, group: int) -> list[Step]:
-    """The group's determination steps with their measured errors and the freedom each takes away."""
-    determination = tree.determination
-    steps, freedom = [], "viewer direction 2, rotation 360 degrees"
-    for rule in determination.steps[group]:
-        after = {
-            "A1": "viewer direction 0, rotation 360 degrees",
-            "A2": "unique",
-            "A4": "viewer direction 0, rotation 2 candidates",
-            "A5": "unique",
-        }[rule]
+    """The group's determination steps with their measured errors and the freedom each takes away; last, what is left to
+    refinement, with the groups that no rule tells from this one."""
+    determination, labels = tree.determination, tree.groups.label_strings
+    node = len(tree.nodes.branch) + group
+    chain = determination.steps[group]
+    freedom = freedom_along(chain)
+    steps = []
+    for rule, before, after in zip(chain, freedom[:-1], freedom[1:], strict=True):
         error = float(determination.error[group, determination.rules.index(rule)])
         steps.append(Step(
-            node=len(tree.nodes.branch) + group, rule=rule, measured=None,
-            compared_with={"group": tree.groups.label_strings[group], "error_rate": round(error, 4)}, margin=None,
-            freedom_before=freedom, freedom_after=after,
+            node=node, rule=rule, measured=None,
+            compared_with={"group": labels[group], "error_rate": round(error, 4)}, margin=None,
+            freedom_before=str(before), freedom_after=str(after),
         ))
-        freedom = after
+    alternatives = [labels[g] for g in inseparable(tree, group)]
     left = int(determination.rotations_left[group])
-    if left != 1:
+    if left != 1 or alternatives:
+        also = {"alternatives": alternatives} if alternatives else {}
         steps.append(Step(
-            node=len(tree.nodes.branch) + group, rule="refinement", measured=None,
-            compared_with={"group": tree.groups.label_strings[group], "open": remaining_freedom(left)}, margin=None,
-            freedom_before=freedom, freedom_after="unique",
+            node=node, rule="refinement", measured=None,
+            compared_with={"group": labels[group], "open": remaining_freedom(left), **also}, margin=None,
+            freedom_before=str(freedom[-1]), freedom_after="unique",
         ))
     return steps
 
 
-def side_mean(samples: Float[np.ndarray, "groups draws d"], members: np.ndarray) -> Float[np.ndarray, "d"]:
-    rows = samples[members].reshape(-1, samples.shape[-1])
-    rows = rows[~np.isnan(rows[:, 0])]
-    return rows.mean(axis=0) if len(rows) else np.full(samples.shape[-1], np.nan)
+def side_mean(tree: InterpretationTree, node: int, members: np.ndarray) -> Float[np.ndarray, "d"]:
+    rows = side_samples(tree, node, members)
+    return rows.mean(axis=0) if len(rows) else np.full(len(node_quantities(tree, node)), np.nan)
 
 
 def _rounded(values: np.ndarray) -> list[float]:

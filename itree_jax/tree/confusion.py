@@ -17,6 +17,8 @@ from itree_jax.tree.joining import many_way_nodes, many_way_sides, side_said
 from itree_jax.tree.tree import Confusion, InterpretationTree, Nodes
 from itree_jax.tree.work_models import group_models
 
+AMBIGUOUS = 0.25  # error rate between two: half way to a coin's
+
 
 def expected_confusion(
     nodes: Nodes, told: Measured, prior: Float[np.ndarray, "groups"], kept: Bool[np.ndarray, "groups"]
@@ -56,6 +58,12 @@ def pair_errors(
         error[g, h] = error[h, g] = min(rates)
         names[g][h] = names[h][g] = RULE_NAMES[int(np.argmin(rates))]
     return error, tuple(tuple(row) for row in names)
+
+
+def inseparable(tree: InterpretationTree, group: int) -> list[int]:
+    """Groups that no rule tells from this one: the best errs in over `AMBIGUOUS` of the draws of both."""
+    with np.errstate(invalid="ignore"):
+        return np.flatnonzero(tree.confusion.pair_error[group] > AMBIGUOUS).tolist()
 
 
 class Counted(NamedTuple):

@@ -4,11 +4,14 @@ from typing import Any
 
 import numpy as np
 
+from itree_jax.features.characteristics import CHARACTERISTICS
 from itree_jax.sensing.sensor_file import fingerprint
+from itree_jax.tree.confusion import inseparable
 from itree_jax.tree.determine import remaining_freedom
-from itree_jax.tree.tree import PRUNED, ROOT, InterpretationTree
+from itree_jax.tree.freedom import freedom_along
+from itree_jax.tree.tree import ROOT, InterpretationTree
 
-AMBIGUOUS = 0.25  # error rate of a node's rule; 0.5 is that of a coin on two sides seen equally often
+KINDS = ("whole", "cut")  # regions that errors are measured on
 
 
 def describe(tree: InterpretationTree) -> dict[str, Any]:
@@ -39,6 +42,7 @@ def describe(tree: InterpretationTree) -> dict[str, Any]:
         "faces": faces(tree),
         "groups": groups(tree),
         "nodes": nodes(tree),
+        "expected_error": expected(tree),
         "leaves": leaves(tree),
         "ambiguities": ambiguities(tree),
     })  # fmt: skip
@@ -87,7 +91,10 @@ def groups(tree: InterpretationTree) -> list[dict[str, Any]]:
 
 
 def nodes(tree: InterpretationTree) -> list[dict[str, Any]]:
-    """Branches with their rules; `error_rate` is that of the chosen rule, 0 where there is nothing to decide."""
+    """Branches with their rules; `error_rate` is the one that the policy went by, 0 where there is nothing to decide.
+
+    Branches of one rule that follow each other are joined to one many-way node (sec. 2.1.5): `joined_to` is its top.
+    """
     n, rules = tree.nodes, tree.distributions.rules
     return [
         {
@@ -95,11 +102,16 @@ def nodes(tree: InterpretationTree) -> list[dict[str, Any]]:
             "parent": None if n.parent[k] == ROOT else int(n.parent[k]),
             "side": None if n.parent[k] == ROOT else _side(bool(n.on_visible_side[k])),
             "branch": n.branch[k],
+            "joined_to": int(n.joined[k]),
+            "joined_error": dict(zip(KINDS, n.joined_error[int(n.joined[k])], strict=True)),
             "tested_faces": tree.groups.identifying_faces[n.tested[k]],
             "rule": n.rule[k],
             "error_rate": float(n.error[k]),
             "error_interval": n.error_interval[k],
-            "rule_errors": dict(zip(rules, n.rule_errors[k], strict=True)),
+            "error_by_kind": dict(zip(KINDS, n.whole_and_cut[k], strict=True)),
+            "rule_errors": {
+                rule: dict(zip(KINDS, errors, strict=True)) for rule, errors in zip(rules, n.rule_errors[k], strict=True)
+            },
             "draws": int(n.draws[k]),
             "visible": _labels(tree, n.visible[k]),
             "hidden": _labels(tree, n.hidden[k]),
@@ -108,14 +120,34 @@ def nodes(tree: InterpretationTree) -> list[dict[str, Any]]:
     ]
 
 
+def expected(tree: InterpretationTree) -> dict[str, Any]:
+    """Expected error of the whole tree: the share of regions that end in another leaf than their own."""
+    confusion, labels = tree.confusion, tree.groups.label_strings
+    return {
+        **dict(zip(KINDS, confusion.expected_error, strict=True)),
+        "groups": {
+            labels[g]: dict(zip(KINDS, confusion.group_error[g], strict=True))
+            for g in np.flatnonzero(~tree.groups.pruned)
+        },
+    }
+
+
 def leaves(tree: InterpretationTree) -> list[dict[str, Any]]:
-    """Groups with the node they hang on and what determines the attitude there; pruned groups are no leaves."""
+    """Groups with the node they hang on, their work models and what determines the attitude there; pruned groups are no
+    leaves."""
     d = tree.determination
     found = []
     for g in np.flatnonzero(~tree.groups.pruned):
         rates, intervals = (dict(zip(d.rules, values[g], strict=True)) for values in (d.error, d.error_interval))
         node = leaf_node(tree, int(g))
-        steps = [{"rule": r, "error_rate": rates[r], "error_interval": intervals[r]} for r in d.steps[g]]
+        freedom = freedom_along(d.steps[g])
+        steps = [
+            {
+                "rule": r, "error_rate": rates[r], "error_interval": intervals[r], "freedom_before": str(before),
+                "freedom_after": str(after),
+            }
+            for r, before, after in zip(d.steps[g], freedom[:-1], freedom[1:], strict=True)
+        ]  # fmt: skip
         found.append({
             "group": tree.groups.label_strings[g],
             "node": node,
@@ -125,8 +157,40 @@ def leaves(tree: InterpretationTree) -> list[dict[str, Any]]:
             "draws": int(d.draws[g]),
             "rotations_left": int(d.rotations_left[g]),
             "remaining_freedom": remaining_freedom(int(d.rotations_left[g])),
+            "work_models": work_models(tree, int(g)),
         })  # fmt: skip
     return found
+
+
+def work_models(tree: InterpretationTree, group: int) -> dict[str, Any]:
+    """The work models of a representative attitude; positions in the face frame of its target region [mm]."""
+    model = tree.leaf_models[group]
+    I_max, I_min, alpha, uniqueness = model.inertia
+    return {
+        "area_mm2": model.area,
+        "inertia": {
+            "I_max_mm4": I_max, "I_min_mm4": I_min, "alpha_deg": float(np.degrees(alpha)), "uniqueness": uniqueness,
+        },
+        "outline_mm": model.outline,
+        "egi_mass_centre": model.mass_centre,
+        "mean_normal": model.mean_normal,
+        "surface_characteristics": dict(zip(CHARACTERISTICS, model.shares, strict=True)),
+        "characteristic_areas": [
+            {"characteristic": CHARACTERISTICS[c], "vertices_mm": vertices, "surface_mm2": surface}
+            for c, vertices, surface in zip(model.area_characteristic, model.areas, model.area_surface, strict=True)
+        ],
+        "edges": [
+            {"start_mm": edge[:2], "end_mm": edge[2:], "strength": strength}
+            for edge, strength in zip(model.edges, model.edge_strength, strict=True)
+        ],
+        "brothers": [
+            {
+                "vector_mm": brother[:3], "distance_mm": float(np.linalg.norm(brother[:3])),
+                "size_mm": float(np.exp(brother[3])), "cos_between_normals": brother[4],
+            }
+            for brother in model.brothers if brother[5] > 0
+        ],
+    }  # fmt: skip
 
 
 def leaf_node(tree: InterpretationTree, group: int) -> int | None:
@@ -136,22 +200,22 @@ def leaf_node(tree: InterpretationTree, group: int) -> int | None:
 
 
 def ambiguities(tree: InterpretationTree) -> list[dict[str, Any]]:
-    """What the tree cannot tell: nodes whose best rule errs in over a quarter of the draws, and open rotations.
+    """What the tree cannot tell: pairs of groups that every rule confuses in over a quarter of the draws, and rotations
+    that stay open.
 
-    Each has the representative views concerned, so that they can be looked at.
+    Each has the views concerned, so that they can be looked at; at run time all of them go on as alternatives.
     """
-    n, d, views = tree.nodes, tree.determination, tree.groups.representative_view
-    kept = ~tree.groups.pruned
+    d, views, labels = tree.determination, tree.groups.representative_view, tree.groups.label_strings
+    kept = np.flatnonzero(~tree.groups.pruned)
     found: list[dict[str, Any]] = []
-    for k in np.flatnonzero((n.error > AMBIGUOUS) & np.array([rule != PRUNED for rule in n.rule], bool)):
-        sides = [n.visible[k] & kept, n.hidden[k] & kept]
+    for g, h in ((g, h) for g in kept for h in inseparable(tree, int(g)) if g < h):
         found.append({
-            "kind": "groups", "node": int(k), "branch": n.branch[k], "rule": n.rule[k], "error_rate": float(n.error[k]),
-            "groups": [_labels(tree, side) for side in sides], "views": [views[side] for side in sides],
+            "kind": "groups", "groups": [labels[g], labels[h]], "views": [int(views[g]), int(views[h])],
+            "rule": tree.confusion.pair_rule[g][h], "error_rate": float(tree.confusion.pair_error[g, h]),
         })  # fmt: skip
-    for g in np.flatnonzero(kept & (d.rotations_left != 1)):
+    for g in kept[d.rotations_left[kept] != 1]:
         found.append({
-            "kind": "rotation", "group": tree.groups.label_strings[g], "rotations_left": int(d.rotations_left[g]),
+            "kind": "rotation", "group": labels[g], "rotations_left": int(d.rotations_left[g]),
             "remaining_freedom": remaining_freedom(int(d.rotations_left[g])), "view": int(views[g]),
         })  # fmt: skip
     return found

@@ -7,7 +7,8 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
-from itree_jax.tree.describe import AMBIGUOUS, describe
+from itree_jax.tree.confusion import AMBIGUOUS
+from itree_jax.tree.describe import describe
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 
@@ -16,7 +17,7 @@ def as_text(tree: InterpretationTree) -> Group:
     facts = describe(tree)
     blocks: list[RenderableType] = [heading(facts), group_table(facts), face_line(facts)]
     if facts["nodes"]:
-        blocks.append(node_table(facts))
+        blocks += [node_table(facts), expected_line(facts)]
     blocks += [leaf_table(facts), drawn_tree(facts), ambiguity_list(facts)]
     return Group(*(item for block in blocks for item in (block, Text(""))))
 
@@ -55,14 +56,26 @@ def face_line(facts: dict[str, Any]) -> Text:
 
 def node_table(facts: dict[str, Any]) -> Table:
     rules = list(facts["nodes"][0]["rule_errors"])
-    heads = ["branch", "any detectable?", "rule", "error % (95 %)", *(f"{rule} %" for rule in rules)]
-    table = Table(*heads, title="Rules, with errors measured under noise", title_justify="left")
+    heads = ["branch", "any detectable?", "rule", "error % (95 %)", *rules]
+    title = "Rules, with errors in % measured under noise on whole / on cut regions"
+    table = Table(*heads, title=title, title_justify="left")
     for n in facts["nodes"]:
         low, high = n["error_interval"]
         error = "-" if n["rule"] == PRUNED else f"{percent(n['error_rate'])} ({percent(low)}-{percent(high)})"
-        others = [percent(n["rule_errors"][rule]) for rule in rules]
-        table.add_row(n["branch"], _face_names(facts, n), n["rule"], error, *others)
+        others = [by_kind(n["rule_errors"][rule]) for rule in rules]
+        top = facts["nodes"][n["joined_to"]]
+        branch = n["branch"] if top is n else f"{n['branch']} (joined to {top['branch']})"
+        table.add_row(branch, _face_names(facts, n), n["rule"], error, *others)
     return table
+
+
+def expected_line(facts: dict[str, Any]) -> Text:
+    whole, cut = (percent(facts["expected_error"][kind]) for kind in ("whole", "cut"))
+    return Text(f"Expected error of the whole tree: {whole} % of whole regions, {cut} % of cut ones end in another leaf.")
+
+
+def by_kind(errors: dict[str, float | None]) -> str:
+    return "-" if errors["whole"] is None else f"{percent(errors['whole'])}/{percent(errors['cut'])}"
 
 
 def leaf_table(facts: dict[str, Any]) -> Table:
@@ -86,12 +99,13 @@ def ambiguity_list(facts: dict[str, Any]) -> Text:
     lines = []
     for a in facts["ambiguities"]:
         if a["kind"] == "groups":
-            sides = " from ".join(" or ".join(side) for side in a["groups"])
-            lines.append(f"  {a['branch']}: {a['rule']} errs in {percent(a['error_rate'])} % telling {sides}")
+            g, h = a["groups"]
+            error = f"the best rule, {a['rule']}, errs in {percent(a['error_rate'])} %"
+            lines.append(f"  {g} and {h}: {error} (views {a['views'][0]} and {a['views'][1]})")
         else:
             lines.append(f"  {a['group']}: {a['remaining_freedom']} (view {a['view']}); refinement decides")
     if not lines:
-        return Text(f"No ambiguities: no rule errs in over {percent(AMBIGUOUS)} %, no rotation stays open.")
+        return Text(f"No ambiguities: no two groups are confused in over {percent(AMBIGUOUS)} % of draws, no rotation stays open.")
     return Text("Ambiguities\n" + "\n".join(lines))
 
 
