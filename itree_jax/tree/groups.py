@@ -115,6 +115,7 @@ def attitude_groups(
     digit_area = seen.face_area[:, faces]
     labels = digit_area > sensor.smallest_region
     blocking = np.array([self_blocking(part, int(face)) for face in faces])
+    blocking = blocking[same_digits].max(axis=0)  # alike faces differ by their pixels only, and are pruned together
     band = uncertain_band(sensor, frequency, part_camera(part, sensor).mm_per_px(1.0))
     group_labels = labels_of_groups(digit_area, same_digits, sensor.smallest_region, blocking, band, frequency**2)
     group_of_view, membership = nearest_label(digit_area, group_labels, same_digits, sensor.smallest_region, blocking)
