@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensor import Sensor
+from itree_jax.tree.concavity import STEEP
 from itree_jax.tree.dome import TRIANGLES_PER_FREQUENCY_1
-from itree_jax.tree.same_label import digit_margin, disagreement
+from itree_jax.tree.same_label import digit_margin, disagreement, group_by_label
 
 STEEPEST = np.radians(60.0)  # a face seen more obliquely has next to no area, whatever slant the sensor allows
 
@@ -38,6 +39,53 @@ def uncertain_band(sensor: Sensor, frequency: int, pitch: float) -> float:
     rim = np.sqrt(np.pi * pitch**2 / sensor.smallest_region)
     cell = np.sqrt(2.0 / TRIANGLES_PER_FREQUENCY_1) / frequency
     return float(np.hypot(rim, np.tan(min(sensor.slant_limit, STEEPEST)) * cell))
+
+
+def labels_of_groups(
+    digit_area: Float[np.ndarray, "views digits"],
+    same_digits: Int[np.ndarray, "symmetries digits"],
+    smallest: float,
+    blocking: Float[np.ndarray, "digits"],
+    band: float,
+    least_views: int,
+) -> Bool[np.ndarray, "groups digits"]:
+    """The labels that make groups, as falling binary numbers.
+
+    Args:
+        digit_area: detectable area of the digits' faces [mm^2].
+        same_digits: see `digit_permutations`.
+        smallest: the sensor's smallest region [mm^2].
+        blocking: share of its own light that each face blocks.
+        band: see `uncertain_band`.
+        least_views: views of a cell of the dome of frequency 1.
+    """
+    labels, own = group_by_label(digit_area > smallest, same_digits)
+    untold = untold_labels(labels, blocking)
+    cost = label_costs(digit_area, labels, same_digits, smallest, untold, untold[own])
+    different = surely_different(digit_area, labels, same_digits, smallest, band)
+    return labels[standing_labels(cost, different, least_views)]
+
+
+def nearest_label(
+    digit_area: Float[np.ndarray, "n digits"],
+    group_labels: Bool[np.ndarray, "groups digits"],
+    same_digits: Int[np.ndarray, "symmetries digits"],
+    smallest: float,
+    blocking: Float[np.ndarray, "digits"],
+) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Index of the label that costs least, and the membership that is left, exp(-cost)."""
+    untold = untold_labels(group_labels, blocking)
+    untold_view = untold_labels(digit_area > smallest, blocking)
+    cost = label_costs(digit_area, group_labels, same_digits, smallest, untold, untold_view)
+    group = cost.argmin(axis=1).astype(np.int32)
+    return group, np.exp(-cost[np.arange(len(cost)), group])
+
+
+def untold_labels(
+    labels: Bool[np.ndarray, "n digits"], blocking: Float[np.ndarray, "digits"]
+) -> Bool[np.ndarray, "n"]:
+    """Labels of nothing, or of steep concave faces alone: their groups are pruned."""
+    return np.logical_not(np.any(labels[:, blocking < STEEP], axis=1))
 
 
 def label_costs(

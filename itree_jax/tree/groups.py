@@ -17,13 +17,13 @@ from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensor import Sensor
-from itree_jax.tree.borders import label_costs, standing_labels, surely_different, uncertain_band
-from itree_jax.tree.concavity import STEEP, self_blocking
+from itree_jax.tree.borders import labels_of_groups, nearest_label, uncertain_band
+from itree_jax.tree.concavity import self_blocking
 from itree_jax.tree.detectable import Detectable, Progress, detectable, part_camera
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.meridian import meridian_views
 from itree_jax.tree.representative import largest_sections, prune_reason, representative_rolls, roll_rotation
-from itree_jax.tree.same_label import digit_permutations, group_by_label, whole_orbits
+from itree_jax.tree.same_label import digit_permutations, whole_orbits
 
 LABEL_FACES = 8  # digits of a label unless the part names its faces: what the paper used of its twelve faces
 WIDENED = 2  # times as many digits at most, to have all faces that a symmetry carries into each other
@@ -115,6 +115,7 @@ def attitude_groups(
     digit_area = seen.face_area[:, faces]
     labels = digit_area > sensor.smallest_region
     blocking = np.array([self_blocking(part, int(face)) for face in faces])
+    blocking = blocking[same_digits].max(axis=0)  # alike faces differ by their pixels only, and are pruned together
     band = uncertain_band(sensor, frequency, part_camera(part, sensor).mm_per_px(1.0))
     group_labels = labels_of_groups(digit_area, same_digits, sensor.smallest_region, blocking, band, frequency**2)
     group_of_view, membership = nearest_label(digit_area, group_labels, same_digits, sensor.smallest_region, blocking)
@@ -157,44 +158,6 @@ def group_of_label(groups: AttitudeGroups, face_area: Float[np.ndarray, "n faces
     """
     area = face_area[:, groups.identifying_faces]
     return nearest_label(area, groups.group_labels, groups.same_digits, groups.smallest_region, groups.self_blocking)[0]
-
-
-def nearest_label(
-    digit_area: Float[np.ndarray, "n digits"],
-    group_labels: Bool[np.ndarray, "groups digits"],
-    same_digits: Int[np.ndarray, "symmetries digits"],
-    smallest: float,
-    blocking: Float[np.ndarray, "digits"],
-) -> tuple[Int[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Index of the label that costs least, and the membership that is left, exp(-cost)."""
-    untold = untold_labels(group_labels, blocking)
-    untold_view = untold_labels(digit_area > smallest, blocking)
-    cost = label_costs(digit_area, group_labels, same_digits, smallest, untold, untold_view)
-    group = cost.argmin(axis=1).astype(np.int32)
-    return group, np.exp(-cost[np.arange(len(cost)), group])
-
-
-def labels_of_groups(
-    digit_area: Float[np.ndarray, "views digits"],
-    same_digits: Int[np.ndarray, "symmetries digits"],
-    smallest: float,
-    blocking: Float[np.ndarray, "digits"],
-    band: float,
-    least_views: int,
-) -> Bool[np.ndarray, "groups digits"]:
-    """The labels that make groups, as falling binary numbers."""
-    labels, own = group_by_label(digit_area > smallest, same_digits)
-    untold = untold_labels(labels, blocking)
-    cost = label_costs(digit_area, labels, same_digits, smallest, untold, untold[own])
-    different = surely_different(digit_area, labels, same_digits, smallest, band)
-    return labels[standing_labels(cost, different, least_views)]
-
-
-def untold_labels(
-    labels: Bool[np.ndarray, "n digits"], blocking: Float[np.ndarray, "digits"]
-) -> Bool[np.ndarray, "n"]:
-    """Labels of nothing, or of steep concave faces alone: their groups are pruned."""
-    return np.logical_not(np.any(labels[:, blocking < STEEP], axis=1))
 
 
 def seen_from(

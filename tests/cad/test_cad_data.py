@@ -5,8 +5,12 @@ import time
 
 import numpy as np
 import pytest
+import trimesh
+from itree_cad.face_permutations import face_permutations
 from itree_cad.load import load_part
-from itree_cad.symmetry import symmetries
+from itree_cad.revolution import rings
+from itree_cad.surface_distance import SurfaceDistance, surface_sample
+from itree_cad.symmetry import TOLERANCE, symmetries
 from itree_cad.units import check_size
 from itree_kernels.errors import ItreeError
 
@@ -70,6 +74,81 @@ def test_faces_of_the_mesh_are_those_of_the_brep(data_folder):
         expected = step.face_areas[[k == kind for k in step.face_types]]
         found = stl.face_areas[[k == kind for k in stl.face_types]][: len(expected)]
         np.testing.assert_allclose(found, expected, rtol=5e-3)
+
+
+X, Y, Z = np.eye(3)
+# file, units, solid, axes of half turns, axis of revolution, and why it is so
+SYMMETRIES = [
+    ("featuretype.STEP", None, None, (), None, "its holes and pockets are no half turn's"),
+    ("featuretype.STL", "in", None, (), None, "the same part"),
+    ("octagonal_pocket.stl", "m", None, (), None, "a wedge with one eye, all its sides different"),
+    ("regulator_collision.stl", "m", None, (), None, "two pipes of 30 and 45 mm at a right angle"),
+    ("ikeuchi_part.stl", None, None, (), None, "a hole at one end and a slot at the other; the block is on one side"),
+    ("dm1-id-214.stp", "mm", "l-bracket", (), None, "legs of 50 and 60 mm; one mirror plane, and mirrors do not count"),
+    ("dm1-id-214.stp", "mm", "bolt", (), Y, "round head and shank, a head at one end"),
+    ("dm1-id-214.stp", "mm", "nut", (X, Y, Z), None, "a block of three different sides with a hole in its middle"),
+    ("dm1-pe-214.stp", "mm", "L-BRACKET", (), None, "as in the other export"),
+    ("dm1-pe-214.stp", "mm", "BOLT", (), Y, "as in the other export"),
+    ("dm1-pe-214.stp", "mm", "NUT", (X, Y, Z), None, "as in the other export"),
+    ("as1-oc-214.stp", None, "nut", (X, Y, Z), None, "the same nut, thin along z"),
+    ("as1-oc-214.stp", None, "bolt", (), Z, "round head and shank, a head at one end"),
+    ("as1-oc-214.stp", None, "rod", (X,), Z, "a plain cylinder, which also flips end over end"),
+    ("as1-oc-214.stp", None, "l-bracket", (), None, "as in dm1"),
+    ("as1-oc-214.stp", None, "plate", (X, Y, Z), None, "180 x 150 x 20, six through holes mirrored in both middles"),
+]
+
+
+@pytest.mark.parametrize(("file", "units", "solid", "half_turns", "axis", "why"), SYMMETRIES)
+def test_symmetries_are_those_of_the_geometry(data_folder, file, units, solid, half_turns, axis, why):
+    """Half turns about lines through the middle of the bounding box, and an axis of revolution."""
+    part = load_part(data_folder / "cad" / file, units, solid)
+    middle = 0.5 * (part.vertices.min(axis=0) + part.vertices.max(axis=0))
+    found = symmetries(part)
+    assert len(found.discrete) == 1 + len(half_turns), why
+    np.testing.assert_array_equal(found.discrete[0], np.eye(4))
+    if axis is None:
+        assert found.continuous == ()
+        expected = [2.0 * np.outer(turn, turn) - np.eye(3) for turn in half_turns]
+        for R in expected:
+            assert np.abs(found.discrete[:, :3, :3] - R).max(axis=(1, 2)).min() < 1e-4, why
+    else:
+        ((direction, point),) = found.continuous
+        np.testing.assert_allclose(np.abs(direction), axis, atol=1e-6, err_msg=why)
+        np.testing.assert_allclose(np.cross(point - middle, axis), 0.0, atol=1e-3 * part.diameter)
+        for T in found.discrete[1:]:  # the flip, about any line across the axis
+            np.testing.assert_allclose(T[:3, :3] @ axis, -axis, atol=1e-6)
+    for T in found.discrete[1:]:
+        np.testing.assert_allclose(T[:3, :3] @ middle + T[:3, 3], middle, atol=1e-3 * part.diameter)
+
+
+def test_what_is_not_symmetric_is_far_from_it(data_folder):
+    """Half turns about the axes of inertia, which alone could be of symmetry, miss by ten times the tolerance."""
+    for file, units, solid, half_turns, axis, _ in SYMMETRIES:
+        if half_turns or axis is not None:
+            continue
+        part = load_part(data_folder / "cad" / file, units, solid)
+        mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
+        moments, frame = np.linalg.eigh(mesh.moment_inertia)
+        assert np.diff(moments).min() > 0.01 * moments[2]
+        surface = SurfaceDistance(part.vertices, part.triangles)
+        for direction in frame.T:
+            half_turn = 2.0 * np.outer(direction, direction) - np.eye(3)
+            points = surface_sample(part.vertices, part.triangles, 2000, seed=0)
+            turned = (points - mesh.center_mass) @ half_turn + mesh.center_mass
+            assert surface.near(turned, 96).max() > 10.0 * TOLERANCE * part.diameter
+
+
+@pytest.mark.parametrize(("solid", "rows"), [("nut", 4), ("plate", 4), ("rod", 2), ("bolt", 1), ("l-bracket", 1)])
+def test_symmetries_permute_whole_faces(data_folder, solid, rows):
+    part = load_part(data_folder / "cad" / "as1-oc-214.stp", solid=solid)
+    found = symmetries(part)
+    permutations = face_permutations(part, found)
+    assert len(permutations) == rows
+    for row in permutations:
+        np.testing.assert_array_equal(np.sort(row), np.arange(part.face_count))
+        np.testing.assert_allclose(part.face_areas[row], part.face_areas, rtol=1e-3)
+        assert tuple(part.face_types[face] for face in row) == part.face_types
+    assert rings(part, found).face_count == part.face_count  # seams were joined on loading
 
 
 def test_symmetries_of_the_scene_models(data_folder):

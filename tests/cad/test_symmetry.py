@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from itree_cad.assemble import assemble_part
 from itree_cad.bundled import bundled_part, part_from_solid
 from itree_cad.csg import Surface, box, extrude, polygon
@@ -107,3 +108,25 @@ def test_recovered_faces_give_the_same_symmetry(tmp_path):
     found = symmetries(load_part(tmp_path / "bushing.stl"))
     assert (len(found.discrete), len(found.continuous)) == (1, 1)
     np.testing.assert_allclose(np.abs(found.continuous[0][0]), [0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_bundled_parts_turn_about_the_axes_they_are_made_with():
+    """The clevis: a half turn about its shank, z. The bushing: its axis, z, and no flip (its collar is at one end)."""
+    half_turn = symmetries(bundled_part("clevis")).discrete[1]
+    np.testing.assert_allclose(half_turn, np.diag([-1.0, -1.0, 1.0, 1.0]), atol=1e-6)
+    ((axis, point),) = symmetries(bundled_part("stepped-bushing")).continuous
+    np.testing.assert_allclose(np.abs(axis), [0.0, 0.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(point[:2], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ikeuchi-1987", "bracket", "plate"])
+def test_bundled_parts_without_symmetry_are_far_from_any(name):
+    """Their moments of inertia differ, so only three axes could be: a half turn about each misses by 2 mm or more."""
+    part = bundled_part(name)
+    mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
+    moments, frame = np.linalg.eigh(mesh.moment_inertia)
+    assert np.diff(moments).min() > 0.01 * moments[2]
+    surface = SurfaceDistance(part.vertices, part.triangles)
+    for axis in frame.T:
+        turned = (part.vertices - mesh.center_mass) @ rotation(axis, np.pi).T + mesh.center_mass
+        assert surface.near(turned, 96).max() > 2.0

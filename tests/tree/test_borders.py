@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.tree.borders import uncertain_band
-from itree_jax.tree.groups import labels_of_groups, nearest_label
+from itree_jax.tree.borders import labels_of_groups, nearest_label, uncertain_band
 from itree_jax.tree.same_label import group_by_label
 
 SENSOR = bundled_sensor("ikeuchi-1987")

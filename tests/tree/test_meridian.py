@@ -14,7 +14,8 @@ AXES = [np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([1.0, -2.
 def test_cameras_look_along_the_directions_with_the_axis_up(axis: np.ndarray, frequency: int) -> None:
     directions = dome(frequency).directions
     R_cam_obj, R_ring, ring = meridian_views(directions, [axis])
-    np.testing.assert_allclose(R_cam_obj @ R_cam_obj.transpose(0, 2, 1), np.tile(np.eye(3), (len(ring), 1, 1)), atol=1e-12)
+    identity = np.tile(np.eye(3), (len(ring), 1, 1))
+    np.testing.assert_allclose(R_cam_obj @ R_cam_obj.transpose(0, 2, 1), identity, atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(R_cam_obj), 1.0)
     np.testing.assert_allclose(-R_cam_obj[:, 2], directions, atol=1e-12)
     up = R_cam_obj @ axis

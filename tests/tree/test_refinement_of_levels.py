@@ -1,6 +1,7 @@
 """Section 2.1.2: every level only refines the one above, and the leaves are the attitude groups - of any solid."""
 
 import dataclasses
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def assert_partition(groups: AttitudeGroups) -> None:
 def assert_levels_refine(groups: AttitudeGroups) -> None:
     levels = level_partitions(groups.group_labels, groups.identifying_areas)
     assert (levels[0] == levels[0, 0]).all()
-    for above, below in zip(levels[:-1], levels[1:], strict=True):
+    for above, below in pairwise(levels):
         for block in np.unique(below):
             assert len(set(above[below == block].tolist())) == 1
     assert len(set(levels[-1].tolist())) == groups.group_count
