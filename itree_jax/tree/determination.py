@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
 from itree_jax.tree.appearances import Appearances
+from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.determination_rules import (
     DETERMINATION_RULE_NAMES,
     FAR,
@@ -209,14 +210,16 @@ def first_of_each_group(draws: Draws, count: int) -> Draws:
 
 def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
     """Calls a compiled function on draws in batches of one size."""
-    count, out = len(draws.group), []
-    for first in range(0, count, DRAWS_AT_ONCE):
+    count = len(draws.group)
+
+    def of_batch(first: int) -> np.ndarray:
         index = np.minimum(np.arange(first, first + DRAWS_AT_ONCE), count - 1)
-        features = jax.tree.map(lambda a, index=index: jnp.asarray(a[index]), draws.features)
+        features = jax.tree.map(lambda a: jnp.asarray(a[index]), draws.features)
         R_cam_obj = jnp.asarray(draws.R_cam_obj[index], jnp.float32)
         part = function(features, R_cam_obj, jnp.asarray(draws.group[index]), *rest)
-        out.append(np.asarray(part)[: min(DRAWS_AT_ONCE, count - first)])
-    return np.concatenate(out)
+        return np.asarray(part)[: min(DRAWS_AT_ONCE, count - first)]
+
+    return np.concatenate(on_all_cores(of_batch, range(0, count, DRAWS_AT_ONCE)))
 
 
 def measure_determination(
