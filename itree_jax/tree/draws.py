@@ -20,7 +20,7 @@ from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
 from itree_jax.tree.dome import camera_rotation
 from itree_jax.tree.groups import roll_rotation
-from itree_jax.tree.neighbours import Views, alone, with_neighbours
+from itree_jax.tree.neighbours import alone, either, with_neighbours
 from itree_jax.tree.sights import (
     Region,
     describe_region,
@@ -95,18 +95,18 @@ def noisy_draws(
         is_cut = (np.arange(len(R)) % 2 == 1) & cut & (len(R) > 1)
         if is_cut.any():
             beside = with_neighbours(views, sensor.light_directions, pitch, reach, rng)
-            views = Views(*(np.where(is_cut.reshape(-1, *[1] * (a.ndim - 1)), b, a)
-                            for a, b in zip(views, beside, strict=True)))  # fmt: skip
-        images = noisy(window_images(views.there, views.normal, views.lit, sensor), sensor, int(rng.integers(2**31)))
-        detectable, needles = np.zeros(views.there.shape, bool), np.zeros(views.normal.shape, np.float32)
-        detectable[views.there], needles[views.there] = read(images[:, views.there], sensor)
+            views = either(is_cut, beside, views)
+        there, depth, normal, lit, own_pixels = map(np.asarray, views)
+        images = noisy(window_images(there, normal, lit, sensor), sensor, int(rng.integers(2**31)))
+        detectable, needles = np.zeros(there.shape, bool), np.zeros(normal.shape, np.float32)
+        detectable[there], needles[there] = read(images[:, there], sensor)
         edges = np.asarray(window_edges(padded(np.moveaxis(images, 0, 1), VIEWS_AT_ONCE), sensor.noise))
         areas = face_areas(shapes, mesh, pitch)
         for k in range(len(R)):
-            own = largest_regions(detectable[k] & views.own[k], least)
+            own = largest_regions(detectable[k] & own_pixels[k], least)
             if own:
-                foreign = largest_regions(detectable[k] & ~views.own[k], least, most=1)
-                regions = [describe_region(m, needles[k], views.depth[k], camera) for m in (*own, *foreign)]
+                foreign = largest_regions(detectable[k] & ~own_pixels[k], least, most=1)
+                regions = [describe_region(m, needles[k], depth[k], camera) for m in (*own, *foreign)]
                 found.add(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k]))
     if not found.index:
         raise ItreeError(
@@ -139,7 +139,7 @@ class _Found:
     def draws(self, R_cam_obj: np.ndarray, group: np.ndarray, pitch: float, reach: float, sensor: Sensor) -> Draws:
         index = np.array(self.index, int)
         features = measured(self.masks, self.normals, self.edges, pitch, needle_deviation(sensor.noise))
-        beside = first_brothers(self.regions, features.inertia.alpha, BESIDE_REACH * reach)
+        beside = first_brothers(self.regions, np.asarray(features.inertia.alpha), BESIDE_REACH * reach)
         order = np.argsort(index, kind="stable")
         found = Draws(
             with_brothers(features, beside), group[index], R_cam_obj[index], np.array(self.cut),
