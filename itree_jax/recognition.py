@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from itree_jax.answers import Interpretation, best_reason, describe
@@ -202,8 +203,8 @@ def region_features(
     )
     extra = -found.count % REGION_BATCH
 
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, np.repeat(np.asarray(values)[:1], extra, axis=0)])
+    def padded(values: ArrayLike) -> np.ndarray:
+        return np.concatenate([np.asarray(values), np.repeat(np.asarray(values)[:1], extra, axis=0)])
 
     edges = window_edges(padded(seen), sensor.noise)
     features = measure_batch(

@@ -125,7 +125,7 @@ def appearances(
         # half precision: they are compared by correlation, and are most of a tree's bytes
         characteristic_map=np.asarray(features.characteristic_map, np.float16),
         edge_map=np.asarray(features.edge_map, np.float16),
-        brothers=brothers_of_each([a.regions for a in found], features.inertia.alpha),
+        brothers=brothers_of_each([a.regions for a in found], np.asarray(features.inertia.alpha)),
         face_area=np.array([a.face_area for a in found], np.float32),
     )
 

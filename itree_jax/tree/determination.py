@@ -205,7 +205,8 @@ def scales_of(samples: Float[np.ndarray, "draws k"]) -> Float[np.ndarray, "k"]:
 
 def first_of_each_group(draws: Draws, count: int) -> Draws:
     """The first `count` draws of every group."""
-    return draws.take(np.sort(np.concatenate([np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)])))
+    first = [np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)]
+    return draws.take(np.sort(np.concatenate(first)))
 
 
 def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
@@ -225,7 +226,7 @@ def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
 def measure_determination(
     table: Appearances, rolls: int, symmetries: Symmetries, train: Draws, test: Draws, group_count: int, policy: str
 ) -> Determination:
-    """Scales from one set of draws, error rates from another: of whole regions by policy `paper`, else of both kinds."""
+    """Scales from one set of draws, error rates from another: of whole regions by policy `paper`, else of both."""
     train = first_of_each_group(train, SCALE_DRAWS)
     if policy == "paper":
         test = test.take(np.flatnonzero(~test.cut))

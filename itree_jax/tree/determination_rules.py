@@ -2,8 +2,8 @@
 
 Every appearance (view x roll) is turned so that its mean normal is the region's (A1), then about that normal by no more
 than half a step of roll: as far as its cast shadows hold. A3 compares the directions toward the brother regions, A4 the
-inertia directions, A5 the outlines d(theta), A6 where the surface characteristics lie, A7 where the edges do, A8 both at
-once. A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation
+inertia directions, A5 the outlines d(theta), A6 where the surface characteristics lie, A7 where the edges do, A8 both
+at once. A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation
 content. A5 looks at all turns of all appearances; A6-A8, which cost more, at those that A1, A3 and A4 leave.
 """
 
@@ -187,8 +187,8 @@ def direction_penalty(
 def relation_penalty(
     features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
 ) -> Float[Array, "rows turns"]:
-    """A3: of the angle between the directions toward brothers, at each turn of the outline; of two brothers the one that
-    fits best. None where a region or an appearance has no brother."""
+    """A3: of the angle between the directions toward brothers, at each turn of the outline; of several brothers the one
+    that fits best. 0 where a region or an appearance has no brother."""
     n_theta = rows.outline.shape[-1]
     step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
     seen, stored = features.brothers, rows.brothers
@@ -240,7 +240,7 @@ def map_penalty(
 
 def take_rows(rows: AppearanceArrays, index: Int[Array, "n"]) -> AppearanceArrays:
     """Some of the appearances."""
-    return AppearanceArrays(*(values[index] for values in rows[:-1]), rows.uses)
+    return AppearanceArrays(*[values[index] for values in rows[:-1]], uses=rows.uses)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh
 from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.dome import camera_rotation
 from itree_jax.tree.groups import roll_rotation
-from itree_jax.tree.neighbours import Views, alone, with_neighbours
+from itree_jax.tree.neighbours import alone, either, with_neighbours
 from itree_jax.tree.sights import (
     Region,
     describe_region,
@@ -130,19 +130,19 @@ def _targets(
     is_cut = (np.arange(len(R)) % 2 == 1) & cut & (len(R) > 1)
     if is_cut.any():
         beside = with_neighbours(views, sensor.light_directions, pitch, reach, rng)
-        pairs = zip(views, beside, strict=True)
-        views = Views(*(np.where(is_cut.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
-    images = noisy(window_images(views.there, views.normal, views.lit, sensor), sensor, int(rng.integers(2**31)))
-    detectable, needles = np.zeros(views.there.shape, bool), np.zeros(views.normal.shape, np.float32)
-    detectable[views.there], needles[views.there] = read(images[:, views.there], sensor)
+        views = either(is_cut, beside, views)
+    there, depth, normal, lit, own_pixels = map(np.asarray, views)
+    images = noisy(window_images(there, normal, lit, sensor), sensor, int(rng.integers(2**31)))
+    detectable, needles = np.zeros(there.shape, bool), np.zeros(normal.shape, np.float32)
+    detectable[there], needles[there] = read(images[:, there], sensor)
     edges, areas = edges_of(np.moveaxis(images, 0, 1), sensor), face_areas(shapes, mesh, pitch)
     least = sensor.smallest_region / pitch**2
     found = []
     for k in range(len(R)):
-        own = largest_regions(detectable[k] & views.own[k], least)
+        own = largest_regions(detectable[k] & own_pixels[k], least)
         if own:
-            foreign = largest_regions(detectable[k] & ~views.own[k], least, most=1)
-            regions = [describe_region(m, needles[k], views.depth[k], camera) for m in (*own, *foreign)]
+            foreign = largest_regions(detectable[k] & ~own_pixels[k], least, most=1)
+            regions = [describe_region(m, needles[k], depth[k], camera) for m in (*own, *foreign)]
             found.append(_Target(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k])))
     return found
 

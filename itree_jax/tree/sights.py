@@ -91,13 +91,13 @@ def window_images(
 
 @partial(jax.jit, static_argnames=("noise",))
 def window_edges(images: Float[jax.Array, "n lights s s"], noise: Noise) -> Float[jax.Array, "n s s 2"]:
-    """Edge maps of a batch of windows: what two lights or more show, since the border of a cast shadow is not the part's.
+    """Edge maps of a batch of windows: what two lights or more show.
 
-    The thresholds go by the noise of the intensities.
+    The border of a cast shadow, which one light shows, is not the part's. Thresholds go by the intensities' noise.
     """
 
     def one(image: jax.Array) -> jax.Array:
-        return seen_by(edge_map(image, intensity_std(image, noise)), image.shape[0])
+        return seen_by(edge_map(image, jnp.asarray(intensity_std(image, noise))), image.shape[0])
 
     return jax.lax.map(one, jnp.asarray(images), batch_size=16)
 
@@ -116,7 +116,7 @@ def edges_of(images: Float[np.ndarray, "n lights s s"], sensor: Sensor) -> Float
 @cache
 def needle_deviation(noise: Noise, exposure: float = BRIGHTEST) -> float:
     """By how much a needle may err [rad]: noise of an intensity at this exposure, and model error, both relative."""
-    std = float(intensity_std(np.float32(exposure), noise)) / exposure
+    std = float(intensity_std(np.asarray(exposure, np.float32), noise)) / exposure
     return float(np.hypot(std, MODEL_ERROR))
 
 
