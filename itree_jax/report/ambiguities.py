@@ -29,11 +29,11 @@ def symmetry_notes(tree: InterpretationTree) -> list[str]:
 
 
 def group_note(ambiguity: dict) -> str:
-    """A branch whose best rule errs often."""
-    visible, hidden = (", ".join(labels) for labels in ambiguity["groups"])
+    """Two groups that every rule confuses."""
+    first, second = ambiguity["groups"]
     return (
-        f"{ambiguity['branch']}: the best rule ({ambiguity['rule']}) errs in {percent(ambiguity['error_rate'])} of the "
-        f"draws between {visible} and {hidden}; both sides go on with their likelihoods."
+        f"{first} and {second}: the best rule between them ({ambiguity['rule']}) errs in "
+        f"{percent(ambiguity['error_rate'])} of the draws; both go on as alternatives."
     )
 
 

@@ -6,13 +6,16 @@ from typing import Any
 import numpy as np
 
 from itree_jax.detections import Step
-from itree_jax.report.distribution_strip import distribution_strip, side_samples
+from itree_jax.report.distribution_strip import distribution_strip
 from itree_jax.report.markup import NOT_KNOWN, number, percent, table, text
 from itree_jax.report.rule_titles import rule_title
+from itree_jax.tree.node_quantities import node_quantities, side_samples
 from itree_jax.tree.tree import InterpretationTree
 
 SIDES = ("visible", "hidden")
 MOST_LABELS = 6  # of groups named on one side
+KINDS = (("whole", "error_whole"), ("cut", "error_cut"))  # regions that errors are measured on
+WORDS = {"open": "left open", "alternatives": "no rule tells it from", "rivals": "evidence of rivals"}
 
 
 def decision_path_view(tree: InterpretationTree, steps: Sequence[Step]) -> str:
@@ -41,7 +44,8 @@ def heading(step: Step) -> str:
 
 
 def chips(step: Step) -> str:
-    """Margin and error rate. A negative margin is a step that the rest of the evidence took against this rule."""
+    """Margin, error rates, and the branch that this one is decided with. A negative margin is a step that the rest of
+    the evidence took against this rule."""
     shown = []
     if step.margin is not None:
         against = step.margin < 0
@@ -51,10 +55,18 @@ def chips(step: Step) -> str:
             f'<span class="chip{" warn" if against else ""}" title="{text(note)}">{mark}margin '
             f"{number(step.margin, 2)} nat</span>"
         )
-    if isinstance(step.compared_with, dict) and step.compared_with.get("error_rate") is not None:
+    compared = step.compared_with if isinstance(step.compared_with, dict) else {}
+    if compared.get("error_rate") is not None:
+        kinds = [f"{kind} {percent(compared[key])}" for kind, key in KINDS if compared.get(key) is not None]
+        of = f" ({', '.join(kinds)})" if kinds else ""
         shown.append(
             '<span class="chip" title="measured when the tree was compiled">errs in '
-            f"{percent(float(step.compared_with['error_rate']))}</span>"
+            f"{percent(compared['error_rate'])}{of}</span>"
+        )
+    if "joined_with" in compared:
+        shown.append(
+            '<span class="chip" title="consecutive branches of one rule are one node">joined with '
+            f"{text(compared['joined_with'])}</span>"
         )
     return " ".join(shown)
 
@@ -64,17 +76,27 @@ def two_sided_comparison(tree: InterpretationTree, step: Step) -> str:
     visible, hidden = (step.compared_with[side] for side in SIDES)
     taken = step.compared_with.get("taken")
     heads = [side_head(side, side == taken) for side in SIDES]
-    samples = [side_samples(tree, step.node, step.rule, side == "visible") for side in SIDES]
+    samples = samples_of_sides(tree, step)
     measured = step.measured if isinstance(step.measured, dict) else {"": step.measured}
     groups = " · ".join(f"{side} side {side_groups(step.compared_with[side])}" for side in SIDES)
     rows = []
-    for k, (name, value) in enumerate(measured.items()):
-        strip = ""
-        if all(s is not None and k < s.shape[1] for s in samples) and is_number(value):
-            strip = distribution_strip(samples[0][:, k], samples[1][:, k], float(value), str(name))  # type: ignore[index]
+    for name, value in measured.items():
+        strip = distribution_strip(*samples[name], float(value), name) if name in samples and is_number(value) else ""
         rows.append([text(name), shown(value), shown(visible.get(name)), shown(hidden.get(name)), strip])
     head = ["quantity", "measured", *heads, "draws of both sides"]
     return f'<p class="groups">{groups}</p>' + table(head, rows, numeric=(1, 2, 3), css_class="step")
+
+
+def samples_of_sides(tree: InterpretationTree, step: Step) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """What the draws of both sides gave, by the name of the quantity; nothing where the tree doesn't know the step."""
+    nodes = tree.nodes
+    if not 0 <= step.node < len(nodes.branch) or step.rule != nodes.rule[step.node]:
+        return {}
+    visible, hidden = (side_samples(tree, step.node, side[step.node]) for side in (nodes.visible, nodes.hidden))
+    if not len(visible) or not len(hidden):
+        return {}
+    names = [q.name for q in node_quantities(tree, step.node)]
+    return {name: (visible[:, k], hidden[:, k]) for k, name in enumerate(names)}
 
 
 def side_head(side: str, taken: bool) -> str:
@@ -97,7 +119,7 @@ def plain_comparison(step: Step) -> str:
         cells.append(("measured", shown(step.measured)))
     if isinstance(step.compared_with, dict):
         cells += [
-            (text(key.replace("_", " ")), shown(value))
+            (text(WORDS.get(key, key.replace("_", " "))), shown(value))
             for key, value in step.compared_with.items()
             if key not in ("error_rate", "branch")
         ]

@@ -4,22 +4,10 @@ import numpy as np
 from jaxtyping import Float
 
 from itree_jax.report.markup import number, text
-from itree_jax.tree.tree import InterpretationTree
 
 WIDTH, HEIGHT = 168, 26  # [px]
 BINS = 28
 TAIL = 0.5  # [%] of the draws that may lie outside of the strip on either end
-
-
-def side_samples(tree: InterpretationTree, node: int, rule: str, visible: bool) -> Float[np.ndarray, "draws d"] | None:
-    """What the draws of the groups on one side of a branch gave under a rule; None if the tree does not keep it."""
-    if rule not in tree.distributions.rules or not 0 <= node < len(tree.nodes.branch):
-        return None
-    samples = tree.distributions.samples[tree.distributions.rules.index(rule)]
-    members = tree.nodes.visible[node] if visible else tree.nodes.hidden[node]
-    rows = samples[members & ~tree.groups.pruned].reshape(-1, samples.shape[-1])
-    rows = rows[~np.isnan(rows[:, 0])]
-    return rows if len(rows) else None
 
 
 def distribution_strip(

@@ -16,7 +16,7 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import UInt8
 
-STYLE = Path(__file__).with_name("style.css")
+COLOURS, STYLE, FIGURES = (Path(__file__).with_name(name) for name in ("colours.css", "style.css", "figures.css"))
 JPEG_QUALITY = 84  # noise of a camera image is gone, its edges are not
 EN_DASH, MINUS = "\N{EN DASH}", "\N{MINUS SIGN}"
 NOT_KNOWN = EN_DASH
@@ -105,25 +105,30 @@ def swatches(entries: Sequence[tuple[str, str]]) -> str:
 
 def page(title: str, body: str) -> str:
     """A whole document; `title` is plain text, `body` HTML."""
+    style = "".join(sheet.read_text(encoding="utf-8") for sheet in (COLOURS, STYLE, FIGURES))
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
-        f"<title>{text(title)}</title>\n<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n"
+        f"<title>{text(title)}</title>\n<style>\n{style}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 
 
 def write_page(path: Path, title: str, body: str) -> None:
     """Writes the whole page or nothing. Raises ItreeError when the folder cannot be written."""
-    path = Path(path)
+    write_whole(Path(path), page(title, body))
+
+
+def write_whole(path: Path, content: str) -> None:
+    """Writes a whole file or nothing, its folder first. Raises ItreeError when it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(
             "w", encoding="utf-8", dir=path.parent, prefix=path.name, delete=False
         ) as file:
-            file.write(page(title, body))
+            file.write(content)
         os.chmod(file.name, 0o644)
         os.replace(file.name, path)
     except OSError as error:
-        raise ItreeError(f"{path}: the page cannot be written ({error})") from error
+        raise ItreeError(f"{path}: cannot be written ({error})") from error

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from itree_jax.detections import Step
-from itree_jax.tree.tree import ROOT, InterpretationTree
+from itree_jax.tree.tree import InterpretationTree
 
 
 def group_reached(tree: InterpretationTree, steps: Sequence[Step]) -> int | None:
@@ -27,14 +27,3 @@ def group_reached(tree: InterpretationTree, steps: Sequence[Step]) -> int | None
     side = tree.nodes.visible[node] if taken == "visible" else tree.nodes.hidden[node]
     left = np.flatnonzero(side & ~tree.groups.pruned)
     return int(left[0]) if len(left) == 1 else None
-
-
-def child_of(tree: InterpretationTree, parent: int, visible: bool) -> int | None:
-    """The branch on one side of a branch; None where the side is not divided further."""
-    below = np.flatnonzero((tree.nodes.parent == parent) & (tree.nodes.on_visible_side == visible))
-    return int(below[0]) if len(below) else None
-
-
-def roots(tree: InterpretationTree) -> list[int]:
-    """The first branch, or nothing when there is only one attitude group."""
-    return np.flatnonzero(tree.nodes.parent == ROOT).tolist()

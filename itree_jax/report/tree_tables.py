@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from itree_jax.report.markup import EN_DASH, NOT_KNOWN, count_of, number, percent, table, text
+from itree_jax.report.markup import EN_DASH, NOT_KNOWN, number, percent, table, text
 from itree_jax.report.palette import css, cycle
 from itree_jax.report.rule_titles import rule_title
+from itree_jax.report.svg_leaf import left_open
 from itree_jax.sensor import Sensor
-from itree_jax.tree.classification_rules import RULE_NAMES
+from itree_jax.tree.classification_rules import rules_in
+from itree_jax.tree.confusion import AMBIGUOUS
+from itree_jax.tree.drawing import leaf_names
 from itree_jax.tree.tree import PRUNED, InterpretationTree
-
-LEFT_OPEN = {0: "open: all go on", 1: "unique"}
 
 
 def face_table(tree: InterpretationTree) -> str:
@@ -27,59 +28,69 @@ def face_table(tree: InterpretationTree) -> str:
     return table(head, rows, numeric=(1, 3, 4, 5))
 
 
-def group_caption(tree: InterpretationTree, g: int) -> str:
-    """Views, regions and determination steps of a group, as HTML."""
-    groups = tree.groups
-    views = count_of(int(groups.view_count[g]), "view")
-    regions = count_of(int(groups.representative_regions[g]), "region")
-    return f"{views}, {regions}<br>{determination_words(tree, g)}"
-
-
 def determination_words(tree: InterpretationTree, g: int) -> str:
     """How the attitude is found, as HTML."""
     if tree.groups.pruned[g]:
         return f"pruned: {text(tree.groups.pruned_reason[g])}"
-    left = int(tree.determination.rotations_left[g])
     steps = " → ".join(text(rule) for rule in tree.determination.steps[g])
-    result = {0: "rotation open", 1: "unique"}.get(left, f"{left} rotations left")
-    return f"{steps} → {result}" if steps else result
+    return f"{steps} → {left_open(tree, g)}" if steps else left_open(tree, g)
 
 
 def group_table(tree: InterpretationTree) -> str:
     """One row for each attitude group."""
-    groups = tree.groups
-    rows = [
-        [
-            f"<code>{text(groups.label_strings[g])}</code>", str(int(groups.view_count[g])),
-            str(int(groups.representative_view[g])), number(float(np.degrees(groups.representative_roll[g])), 0),
-            str(int(groups.representative_regions[g])), determination_words(tree, g),
-        ]
-        for g in range(groups.group_count)
+    groups, names = tree.groups, leaf_names(tree)
+    rows = []
+    for g in range(groups.group_count):
+        whole, cut = tree.confusion.group_error[g]
+        borders = int((groups.membership[groups.group_of_view == g] < 1.0).sum())
+        rows.append([
+            names.get(g, NOT_KNOWN), f"<code>{text(groups.label_strings[g])}</code>", str(int(groups.view_count[g])),
+            str(borders), str(int(groups.representative_view[g])),
+            number(float(np.degrees(groups.representative_roll[g])), 0), str(int(groups.representative_regions[g])),
+            percent(whole), percent(cut), determination_words(tree, g),
+        ])  # fmt: skip
+    head = [
+        "", "label", "views", "of them at borders", "representative view", "rotation [°]", "regions",
+        "end in another leaf: whole regions", "cut regions", "attitude determination",
     ]  # fmt: skip
-    head = ["label", "views", "representative view", "rotation [°]", "regions", "attitude determination"]
-    return table(head, rows, numeric=(1, 2, 3, 4))
+    return table(head, rows, numeric=range(2, 9))
 
 
 def branch_table(tree: InterpretationTree) -> str:
-    """Measured error of every rule at every branch, the chosen one in bold."""
+    """Measured error of every rule at every branch on whole and on cut regions, the chosen one in bold."""
     nodes = tree.nodes
     rows = []
     for k, branch in enumerate(nodes.branch):
-        cells = [
-            f"<b>{percent(float(e))}</b>" if name == nodes.rule[k] else percent(float(e))
-            for name, e in zip(RULE_NAMES, nodes.rule_errors[k], strict=True)
-        ]
+        used = () if nodes.rule[k] == PRUNED else rules_in(nodes.rule[k])
+        cells = [whole_cut(errors, r in used) for r, errors in enumerate(nodes.rule_errors[k])]
         faces = ", ".join(str(d + 1) for d in np.flatnonzero(nodes.tested[k]))
-        pruned = nodes.rule[k] == PRUNED
+        joined = int(nodes.joined[k])
+        top = f"<br><small>joined with {text(nodes.branch[joined])}</small>" if joined != k else ""
         rows.append([
-            text(branch), f"any of {faces}" if "," in faces else faces, side_cell(tree, nodes.visible[k]),
-            side_cell(tree, nodes.hidden[k]), text(nodes.rule[k]), *cells,
-            NOT_KNOWN if pruned else interval(nodes.error_interval[k]), str(int(nodes.draws[k])),
+            f"{text(branch)}{top}", f"any of {faces}" if "," in faces else faces, side_cell(tree, nodes.visible[k]),
+            side_cell(tree, nodes.hidden[k]), f"<b>{text(nodes.rule[k])}</b>", *cells, chosen_error(tree, k),
+            str(int(nodes.draws[k])),
         ])  # fmt: skip
-    rules = [f"{name}<br><small>{text(rule_title(name))}</small>" for name in RULE_NAMES]
-    head = ["branch", "faces asked", "detectable", "not detectable", "rule", *rules, "95 % interval", "draws"]
+    rules = [f"{name}<br><small>{text(rule_title(name))}</small>" for name in tree.distributions.rules]
+    head = ["branch", "faces asked", "detectable", "not detectable", "rule", *rules, "error of the rule", "draws"]
     first = 5
-    return table(head, rows, numeric=range(first, first + len(rules) + 2))
+    return table(head, rows, numeric=range(first, first + len(rules) + 2), css_class="rates")
+
+
+def whole_cut(errors: np.ndarray, bold: bool) -> str:
+    """Two rates in percent, one above the other."""
+    if np.isnan(errors).all():
+        return NOT_KNOWN
+    whole, cut = (percent(float(e)) for e in errors)
+    return f"{f'<b>{whole}</b>' if bold else whole}<br><small>{cut}</small>"
+
+
+def chosen_error(tree: InterpretationTree, k: int) -> str:
+    """The rate that the policy went by, with its interval."""
+    nodes = tree.nodes
+    if nodes.rule[k] == PRUNED:
+        return NOT_KNOWN
+    return f"<b>{percent(nodes.error[k])}</b><br><small>{interval(nodes.error_interval[k])}</small>"
 
 
 def side_cell(tree: InterpretationTree, members: np.ndarray) -> str:
@@ -94,20 +105,35 @@ def interval(low_high: np.ndarray) -> str:
     return f"{number(low)}{EN_DASH}{number(high)} %"
 
 
+def pair_table(tree: InterpretationTree) -> str:
+    """Of every two leaves the error of the best rule between them alone, with its name; large ones are marked."""
+    confusion, names = tree.confusion, leaf_names(tree)
+    leaves = list(names)
+    rows = []
+    for g in leaves:
+        cells = []
+        for h in leaves:
+            error = float(confusion.pair_error[g, h])
+            shown = f"{percent(error)}<br><small>{text(confusion.pair_rule[g][h])}</small>"
+            marked = f'<span class="chip warn">{shown}</span>' if error > AMBIGUOUS else shown
+            cells.append(NOT_KNOWN if g == h or np.isnan(error) else marked)
+        rows.append([f"<b>{names[g]}</b> <code>{text(tree.groups.label_strings[g])}</code>", *cells])
+    return table(["", *names.values()], rows, numeric=range(1, len(leaves) + 1))
+
+
 def determination_table(tree: InterpretationTree) -> str:
     """Measured error of every determination rule for every group."""
-    determination, groups = tree.determination, tree.groups
+    determination, groups, names = tree.determination, tree.groups, leaf_names(tree)
     rows = []
-    for g in np.flatnonzero(~groups.pruned):
-        cells = [rule_cell(tree, int(g), k) for k in range(len(determination.rules))]
-        left = int(determination.rotations_left[g])
+    for g in names:
+        cells = [rule_cell(tree, g, k) for k in range(len(determination.rules))]
         rows.append([
-            f"<code>{text(groups.label_strings[g])}</code>", *cells, LEFT_OPEN.get(left, f"{left} left"),
+            f"{names[g]} <code>{text(groups.label_strings[g])}</code>", *cells, left_open(tree, g),
             str(int(determination.draws[g])),
         ])  # fmt: skip
     rules = [f"{text(name)}<br><small>{text(rule_title(name))}</small>" for name in determination.rules]
-    head = ["group", *rules, "rotations", "draws"]
-    return table(head, rows, numeric=(*range(1, 1 + len(rules)), len(head) - 1))
+    head = ["group", *rules, "left", "draws"]
+    return table(head, rows, numeric=(*range(1, 1 + len(rules)), len(head) - 1), css_class="rates")
 
 
 def rule_cell(tree: InterpretationTree, g: int, k: int) -> str:
