@@ -101,7 +101,7 @@ def noisy_draws(
     masks, index = [t.regions[0].mask for t in found], np.array([t.index for t in found])
     normals = [np.where(m[..., None], t.needles, 0.0) for m, t in zip(masks, found, strict=True)]
     features = measured(masks, normals, [t.edges for t in found], pitch, needle_deviation(sensor.noise))
-    beside = first_brothers([t.regions for t in found], features.inertia.alpha, BESIDE_REACH * reach)
+    beside = first_brothers([t.regions for t in found], np.asarray(features.inertia.alpha), BESIDE_REACH * reach)
     return Draws(
         with_brothers(features, beside), group[index], R_cam_obj[index], np.array([t.cut for t in found]),
         np.array([t.face_area for t in found]), len(R_cam_obj) - len(found),
