@@ -9,7 +9,7 @@ from itree_cad.symmetry import Symmetries
 from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
+from itree_jax.features.relation import MOST_MISFIT, THERE
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.determination_rules import (
@@ -27,6 +27,7 @@ from itree_jax.tree.determination_rules import (
     egi_elsewhere,
     facing,
     mass_centre_penalty,
+    nearest_brothers,
     relation_penalty,
     take_rows,
     within_roll,
@@ -134,11 +135,9 @@ def scale_samples(
 def brother_deviation(features: RegionFeatures, row: AppearanceArrays, at: Int[Array, ""]) -> Float[Array, ""]:
     """Angle [rad] between the directions toward a brother after a turn of the outline; NaN where there is none."""
     n_theta = row.outline.shape[-1]
-    seen, stored = features.brothers, row.brothers[0]
-    apart = brother_angle(seen)[:, None] - brother_angle(stored)[None, :] - at * (2.0 * jnp.pi / n_theta)
-    misfit = brother_misfit(seen[:, None], stored[None, :], jnp.zeros((), bool))
-    best = jnp.argmin(misfit)
-    return jnp.where(misfit.reshape(-1)[best] < MOST_MISFIT, jnp.abs(wrapped(apart.reshape(-1)[best])), jnp.nan)
+    misfit, apart = nearest_brothers(features.brothers, row.brothers)
+    turned = wrapped(apart[0] - at * (2.0 * jnp.pi / n_theta))
+    return jnp.where(misfit[0] < MOST_MISFIT, jnp.abs(turned), jnp.nan)
 
 
 @partial(jax.jit, static_argnames=("roll_step",))
