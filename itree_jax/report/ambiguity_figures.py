@@ -31,9 +31,8 @@ def pair_figure(tree: InterpretationTree, ambiguity: dict[str, Any], pictures: l
     """The representative attitudes of two groups side by side."""
     labels, names = tree.groups.label_strings, leaf_names(tree)
     members = [labels.index(label) for label in ambiguity["groups"]]
-    shown = [
-        (pictures[g], f"{names[g]} {labels[g]}", f"view {view}") for g, view in zip(members, ambiguity["views"], strict=True)
-    ]
+    seen = zip(members, ambiguity["views"], strict=True)
+    shown = [(pictures[g], f"{names[g]} {labels[g]}", f"view {view}") for g, view in seen]
     return side_by_side(" and ".join(names[g] for g in members), shown, group_note(ambiguity))
 
 
@@ -65,9 +64,10 @@ def half_turned(model: LeafModel) -> Float[np.ndarray, "3 3"]:
 
 def side_by_side(title: str, shown: list[tuple[Cutout, str, str]], note: str) -> str:
     pictures = "".join(
-        f"<div>{image(picture, name)}<small>{text(name)}<br>{text(under)}</small></div>" for picture, name, under in shown
+        f"<div>{image(picture, name)}<small>{text(name)}<br>{text(under)}</small></div>"
+        for picture, name, under in shown
     )
     return (
-        f"<figure><figcaption><b>{text(title)}</b></figcaption><div class=\"pair\">{pictures}</div>"
+        f'<figure><figcaption><b>{text(title)}</b></figcaption><div class="pair">{pictures}</div>'
         f"<figcaption><p>{text(note)}</p></figcaption></figure>"
     )
