@@ -1,4 +1,4 @@
-"""The chain of determination rules behind a leaf, with the freedom that each takes, in words (Ikeuchi 1987, figure 4)."""
+"""The determination rules behind a leaf, with the freedom that each takes, in words (Ikeuchi 1987, figure 4)."""
 
 from itree_jax.tree.freedom import OPEN, Freedom, freedom_along
 from itree_jax.tree.tree import InterpretationTree

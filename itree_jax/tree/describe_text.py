@@ -1,4 +1,4 @@
-"""What is in a tree, as tables for the terminal, and the tree itself as figure 4 of the paper draws it (`itree show`)."""
+"""What is in a tree, as tables for the terminal, and the tree as figure 4 of the paper draws it (`itree show`)."""
 
 from typing import Any
 
@@ -96,7 +96,7 @@ def drawn_tree(tree: InterpretationTree) -> Tree:
     """Figure 4: the nodes that decide, with rule and errors on whole / on cut regions; the leaves with the chain of
     determination rules and the freedom that each takes."""
     drawing = interpretation_drawing(tree)
-    root = Tree("Interpretation tree")
+    root = Tree("Interpretation tree (errors of whole / of cut regions)")
     if drawing.nodes:
         _draw(root, tree, drawing, 0, "")
     else:
