@@ -9,6 +9,7 @@ from jaxtyping import Float
 from itree_jax.report.ambiguities import ambiguity_notes, group_note
 from itree_jax.report.attitude_pictures import Cutout, cutout, part_views, trimmed
 from itree_jax.report.markup import image, text
+from itree_jax.tree.chain import left_open
 from itree_jax.tree.describe import ambiguities
 from itree_jax.tree.drawing import leaf_names
 from itree_jax.tree.leaf_model import LeafModel
@@ -31,9 +32,8 @@ def pair_figure(tree: InterpretationTree, ambiguity: dict[str, Any], pictures: l
     """The representative attitudes of two groups side by side."""
     labels, names = tree.groups.label_strings, leaf_names(tree)
     members = [labels.index(label) for label in ambiguity["groups"]]
-    shown = [
-        (pictures[g], f"{names[g]} {labels[g]}", f"view {view}") for g, view in zip(members, ambiguity["views"], strict=True)
-    ]
+    seen = zip(members, ambiguity["views"], strict=True)
+    shown = [(pictures[g], f"{names[g]} {labels[g]}", f"view {view}") for g, view in seen]
     return side_by_side(" and ".join(names[g] for g in members), shown, group_note(ambiguity))
 
 
@@ -41,19 +41,25 @@ def rotation_figures(tree: InterpretationTree, found: list[dict[str, Any]], pict
     """Groups whose rotation stays open; where two are left, the attitude after the half turn as well."""
     labels, names = tree.groups.label_strings, leaf_names(tree)
     members = [labels.index(a["group"]) for a in found]
-    two = [g for g, a in zip(members, found, strict=True) if a["rotations_left"] == 2]
-    R_turned = np.array([half_turned(tree.leaf_models[g]) for g in two]).reshape(-1, 3, 3)
-    views = part_views(tree.part, tree.sensor, R_turned)
-    turned = dict(zip(two, trimmed([cutout(tree, v, v.detectable) for v in views]), strict=True))
     figures = []
     for g, a in zip(members, found, strict=True):
-        shown = [(pictures[g], f"{names[g]} {labels[g]}", f"view {a['view']}")]
-        note = "The rotation about the mean normal is open: refinement decides."
-        if g in turned:
-            shown.append((turned[g], "after the half turn", "about the region's mean normal"))
-            note = "Both rotations go on to refinement."
-        figures.append(side_by_side(f"{names[g]}: {a['remaining_freedom']}", shown, note))
+        before, *turned = with_half_turn(tree, g) if a["rotations_left"] == 2 else [pictures[g]]
+        shown = [(before, f"{names[g]} {labels[g]}", f"view {a['view']}")]
+        shown += [(after, "after the half turn", "about the mean normal") for after in turned]
+        note = (
+            "Both rotations go on to refinement."
+            if turned
+            else "All rotations about the mean normal go on to refinement."
+        )
+        figures.append(side_by_side(f"{names[g]}: {left_open(tree, g)}", shown, note))
     return "".join(figures)
+
+
+def with_half_turn(tree: InterpretationTree, group: int) -> list[Cutout]:
+    """The representative attitude as it is and after the half turn, in pictures of one size."""
+    model = tree.leaf_models[group]
+    views = part_views(tree.part, tree.sensor, np.stack([model.R_cam_obj, half_turned(model)]))
+    return trimmed([cutout(tree, view, view.detectable) for view in views])
 
 
 def half_turned(model: LeafModel) -> Float[np.ndarray, "3 3"]:
@@ -65,9 +71,10 @@ def half_turned(model: LeafModel) -> Float[np.ndarray, "3 3"]:
 
 def side_by_side(title: str, shown: list[tuple[Cutout, str, str]], note: str) -> str:
     pictures = "".join(
-        f"<div>{image(picture, name)}<small>{text(name)}<br>{text(under)}</small></div>" for picture, name, under in shown
+        f"<div>{image(picture, name)}<small>{text(name)}<br>{text(under)}</small></div>"
+        for picture, name, under in shown
     )
     return (
-        f"<figure><figcaption><b>{text(title)}</b></figcaption><div class=\"pair\">{pictures}</div>"
+        f'<figure><figcaption><b>{text(title)}</b></figcaption><div class="pair">{pictures}</div>'
         f"<figcaption><p>{text(note)}</p></figcaption></figure>"
     )

@@ -31,7 +31,7 @@ def step_view(tree: InterpretationTree, step: Step) -> str:
     two_sided = isinstance(compared, dict) and all(isinstance(compared.get(side), dict) for side in SIDES)
     body = two_sided_comparison(tree, step) if two_sided else plain_comparison(step)
     freedom = ""
-    if step.freedom_before or step.freedom_after:
+    if step.freedom_before != step.freedom_after:
         freedom = f'<p class="freedom">{text(step.freedom_before)} <b>→</b> {text(step.freedom_after)}</p>'
     return f"<h4>{heading(step)} {chips(step)}</h4>{freedom}{body}"
 
@@ -137,6 +137,8 @@ def shown(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{text(key)} {shown(v)}" for key, v in value.items())
     if isinstance(value, (list, tuple, np.ndarray)):
+        if not len(value):
+            return "none"
         return ", ".join(shown(v) for v in value)
     return text(value)
 

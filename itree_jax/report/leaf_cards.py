@@ -1,5 +1,5 @@
-"""A card for each leaf: its representative attitude, the work models that are kept of it, and how a region's attitude is
-determined there (Ikeuchi 1987, sec. 2.1.3 and 2.2)."""
+"""A card for each leaf: its representative attitude, the work models that are kept of it, and how a region's attitude
+is determined there (Ikeuchi 1987, sec. 2.1.3 and 2.2)."""
 
 import numpy as np
 
@@ -9,22 +9,22 @@ from itree_jax.report.gauss_sphere import gauss_sphere
 from itree_jax.report.markup import NOT_KNOWN, count_of, image, number, percent, swatches, table, text
 from itree_jax.report.palette import css
 from itree_jax.report.rule_titles import rule_title
-from itree_jax.report.svg_leaf import chain_of, left_open
-from itree_jax.report.work_model_figures import CHARACTERISTIC_COLOURS, SHORT, shape_figure, surface_figure
+from itree_jax.report.work_model_figures import COLOURS, SHORT, shape_figure, surface_figure
+from itree_jax.tree.chain import determination_chain, left_open
 from itree_jax.tree.drawing import leaf_names
 from itree_jax.tree.tree import InterpretationTree
 
 LEAF_KEY = (
-    "Pictures from left to right: the attitude; in the face frame of its largest region (x, to the right, along the "
-    "maximum inertia direction; shape recovered by T) the outline d(θ) with, dashed, the rectangle of the same moments "
-    "and an arrow toward each brother region, with the distance; prominent edges as lines and the rectangles in which a "
-    "surface characteristic lies; the extended Gaussian image on the half sphere toward the viewer, its mass centre as a "
-    "ring (on the rim's sphere for a plane, farther in for curved regions)."
+    "Pictures: the attitude; then of its largest region, in the face frame (x, to the right, along the maximum inertia "
+    "direction; shape recovered by T), the outline d(θ) with, dashed, the rectangle of the same moments and an arrow "
+    "toward each brother region, with the distance; prominent edges as lines, and the rectangles in which a surface "
+    "characteristic lies; the extended Gaussian image on the half sphere toward the viewer, its mass centre as a ring."
 )
 
 
 def characteristic_legend() -> str:
-    return swatches([(css(colour), f"{SHORT[name]} {name}") for name, colour in CHARACTERISTIC_COLOURS.items()])
+    entries = zip(COLOURS, SHORT, CHARACTERISTICS, strict=True)
+    return swatches([(css(colour), f"{short} {name}") for colour, short, name in entries])
 
 
 def leaf_cards(tree: InterpretationTree, pictures: list[Cutout]) -> str:
@@ -72,7 +72,7 @@ def determination(tree: InterpretationTree, g: int) -> str:
     """The determination steps with their errors and the freedom that each takes, and what is left open."""
     d = tree.determination
     rows = []
-    for rule, taken in chain_of(tree, g):
+    for rule, taken in determination_chain(tree, g):
         column = d.rules.index(rule)
         low, high = (percent(v) for v in d.error_interval[g, column])
         title = f"<b>{text(rule)}</b> {text(rule_title(rule))}"

@@ -30,8 +30,8 @@ def node_card(tree: InterpretationTree, node: DrawnNode) -> str:
     whole, cut = node_error(tree, node)
     names = leaf_names(tree)
     sides = "".join(
-        f'<li><i style="background:{css(cycle(s))}"></i><b>{letter(s)}</b>&nbsp;{side_names([names[g] for g in side.groups])}'
-        "</li>"
+        f'<li><i style="background:{css(cycle(s))}"></i><b>{letter(s)}</b>&nbsp;'
+        f"{side_names([name for g, name in names.items() if g in side.groups])}</li>"
         for s, side in enumerate(node.sides)
     )
     draws = count_of(int(tree.nodes.draws[list(node.branches)].max()), "noisy draw")

@@ -37,7 +37,8 @@ def ridge(columns: Sequence[Float[np.ndarray, "_"]], names: Sequence[str], title
     said = f"{title}: {count_of(len(everything), 'draw')}; medians: {medians}"
     return (
         f'<svg class="panel" role="img" viewBox="0 0 {WIDTH:.0f} {height:.0f}"><title>{text(said)}</title>'
-        f'<text x="0" y="12">{text(title)}</text>{rows}<path class="axis" d="M{LEFT:.0f} {floor:.1f}H{WIDTH:.0f}"/>{ticks}</svg>'
+        f'<text x="0" y="12">{text(title)}</text>{rows}'
+        f'<path class="axis" d="M{LEFT:.0f} {floor:.1f}H{WIDTH:.0f}"/>{ticks}</svg>'
     )
 
 

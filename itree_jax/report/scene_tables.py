@@ -13,6 +13,7 @@ from itree_jax.report.scene_view import PoseView, SceneView
 from itree_jax.report.svg_tree import svg_tree
 from itree_jax.report.tree_path import group_reached
 from itree_jax.report.truth_view import RIGHT
+from itree_jax.tree.drawing import leaf_names
 
 Vector = np.ndarray
 
@@ -82,7 +83,10 @@ def pose_details(view: SceneView) -> str:
 def pose_fold(view: SceneView, p: PoseView, opened: bool) -> str:
     d = p.detection
     group = group_reached(p.tree, d.decision_path)
-    label = f" · group <code>{text(p.tree.groups.label_strings[group])}</code>" if group is not None else ""
+    label = ""
+    if group is not None:
+        name, digits = leaf_names(p.tree).get(group, ""), p.tree.groups.label_strings[group]
+        label = f" · group {name} <code>{text(digits)}</code>"
     summary = (
         f'<i class="key" style="background:{css(p.colour)}"></i><b>Pose {d.offer_rank}</b> · '
         f"{text(p.tree.part.name)} · score {number(d.score, 3)}{label} · {count_of(len(d.decision_path), 'step')}"

@@ -6,8 +6,8 @@ import numpy as np
 from itree_jax.report.markup import NOT_KNOWN, count_of, percent, text
 from itree_jax.report.rule_titles import rule_title
 from itree_jax.report.tree_layout import PADDING, SMALL_CHAR
+from itree_jax.tree.chain import determination_chain, left_open
 from itree_jax.tree.drawing import leaf_names
-from itree_jax.tree.freedom import OPEN, Freedom, freedom_along
 from itree_jax.tree.tree import InterpretationTree
 
 CHAR = 8.0  # [px] of a leaf's digits
@@ -18,15 +18,8 @@ OPEN_W = 150.0  # [px] of what is left open
 
 def leaf_width(tree: InterpretationTree, group: int, chain: bool) -> float:
     """[px] that a leaf takes."""
-    boxes = sum(step_width(taken) + STEP_GAP for _, taken in chain_of(tree, group)) if chain else 0.0
+    boxes = sum(step_width(taken) + STEP_GAP for _, taken in determination_chain(tree, group)) if chain else 0.0
     return label_width(tree) + boxes + OPEN_W
-
-
-def chain_of(tree: InterpretationTree, group: int) -> list[tuple[str, str]]:
-    """The determination rules of a group in order, with the freedom each takes in words."""
-    steps = tree.determination.steps[group]
-    freedom = freedom_along(steps)
-    return [(rule, freedom_taken(*pair)) for rule, *pair in zip(steps, freedom[:-1], freedom[1:], strict=True)]
 
 
 def step_width(taken: str) -> float:
@@ -53,35 +46,12 @@ def leaf(tree: InterpretationTree, g: int, x: float, y: float, on: bool, chain: 
     ]
     x += label_width(tree)
     if chain and not pruned:
-        for rule, taken in chain_of(tree, g):
+        for rule, taken in determination_chain(tree, g):
             parts.append(step_box(tree, g, rule, taken, x, y, on))
             x += step_width(taken) + STEP_GAP
     said = "pruned" if pruned else left_open(tree, g) if chain else ""
     parts.append(f'<text class="open" x="{x:.0f}" y="{y + 4:.1f}">{text(said)}</text></g>')
     return "".join(parts)
-
-
-def freedom_taken(before: Freedom, after: Freedom) -> str:
-    """Such as "direction 2 → 0" or "rotation 360 → 2" (degrees as long as all rotations are open)."""
-    taken = []
-    if before.direction != after.direction:
-        taken.append(f"direction {before.direction} → {after.direction}")
-    if before.rotations != after.rotations:
-        taken.append(f"rotation {rotations(before)} → {rotations(after)}")
-    return ", ".join(taken) or "nothing"
-
-
-def rotations(freedom: Freedom) -> str:
-    return "360" if freedom.rotations == OPEN else str(freedom.rotations)
-
-
-def left_open(tree: InterpretationTree, g: int) -> str:
-    """What all steps together leave: of the viewer direction, of the rotation, or nothing."""
-    direction = freedom_along(tree.determination.steps[g])[-1].direction
-    left = int(tree.determination.rotations_left[g])
-    rotation = {OPEN: "rotation", 1: ""}.get(left, count_of(left, "rotation"))
-    words = [word for word in ("direction" if direction else "", rotation) if word]
-    return f"{', '.join(words)} open" if words else "unique"
 
 
 def step_box(tree: InterpretationTree, g: int, rule: str, taken: str, x: float, y: float, on: bool) -> str:

@@ -8,26 +8,36 @@ is); the names on it are digits of the shape label.
 
 from typing import Literal
 
-from itree_jax.report.markup import count_of, number, percent, text
+from itree_jax.report.markup import count_of, percent, text
 from itree_jax.report.rule_titles import rule_title
 from itree_jax.report.svg_leaf import leaf, leaf_width
-from itree_jax.report.tree_layout import BOX_H, MARGIN, MARK, MARK_GAP, SMALL_CHAR, TURN, Layout, faces_asked, layout
-from itree_jax.report.tree_layout import node_lines
+from itree_jax.report.tree_layout import (
+    BOX_H,
+    MARGIN,
+    MARK,
+    MARK_GAP,
+    SMALL_CHAR,
+    TURN,
+    Layout,
+    faces_asked,
+    layout,
+    node_lines,
+)
 from itree_jax.tree.drawing import Drawing, DrawnNode, Side, branch_drawing, interpretation_drawing, node_name
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 LEAST_SCALE = 0.8  # of its size: a page that is narrower than that scrolls
 Figure = Literal["interpretation", "branches"]
 EDGE_KEY = (
-    "A filled dot leads to the side where any of the numbered identifying faces is detectable, a ring to the side where "
-    "none is."
+    "A filled dot leads to the side where any of the numbered identifying faces is detectable, a ring to the side "
+    "where none is."
 )
 TREE_KEY = (
     "A box names branches and rule, then the error rates of the decision on whole / on cut regions; branches joined by "
-    f'"+" follow each other with one rule and are decided at once. {EDGE_KEY} S1, S2, ... are the representative '
+    f"+ follow each other with one rule and are decided at once. {EDGE_KEY} S1, S2, ... are the representative "
     "attitudes with the shape label and the views of their groups, then the determination rules that are used, each "
-    "with the share of draws that it leaves far from the truth and the freedom that it takes (degrees of freedom of the "
-    "viewer direction, candidates of the rotation)."
+    "with the share of draws that it leaves far from the truth and the freedom that it takes (degrees of freedom of "
+    "the viewer direction, candidates of the rotation: 360 while all are open)."
 )
 
 
@@ -44,9 +54,10 @@ def svg_tree(tree: InterpretationTree, group: int | None = None, figure: Figure 
     leaves = [leaf(tree, g, at.end, at.leaf_y[g], g == group, chains) for g in drawing.leaves]
     inside = "\n".join([*edges, *boxes, *leaves])
     width = at.end + max((leaf_width(tree, g, chains) for g in drawing.leaves), default=0.0) + MARGIN
+    least = f"max-width:100%;min-width:{LEAST_SCALE * width:.0f}px"
     return (
-        f'<svg class="tree{" has-path" if group in drawing.leaves else ""}" role="img" '
-        f'viewBox="0 0 {width:.0f} {at.height:.0f}" width="{width:.0f}" height="{at.height:.0f}" style="max-width:100%;min-width:{LEAST_SCALE * width:.0f}px">'
+        f'<svg class="tree{" has-path" if group in drawing.leaves else ""}" role="img" style="{least}" '
+        f'viewBox="0 0 {width:.0f} {at.height:.0f}" width="{width:.0f}" height="{at.height:.0f}">'
         f"<title>{text(title(tree, drawing, group))}</title>\n{inside}\n</svg>"
     )
 
@@ -76,18 +87,16 @@ def edge(
 
 def asked(tree: InterpretationTree, side: Side, x: float, y: float, faded: str) -> str:
     """The faces asked for along an edge, with a dot or a ring each."""
-    said = "; ".join(
-        f"{'any' if visible else 'none'} of the faces {faces_asked(tree, k)} is detectable" for k, visible in side.answers
-    )
-    marks = ""
+    said, marks = [], ""
     for k, visible in side.answers:
         faces = faces_asked(tree, k)
+        said.append(f"{'any' if visible else 'none'} of the faces {faces} is detectable")
         marks += (
             f'<circle class="{"dot" if visible else "ring"}" cx="{x:.0f}" cy="{y - 8:.1f}" r="3.5"/>'
             f'<text x="{x + 7:.0f}" y="{y - 4:.1f}">{text(faces)}</text>'
         )
         x += MARK + SMALL_CHAR * len(faces) + MARK_GAP
-    return f'<g class="asked{faded}"><title>{text(said)}</title>{marks}</g>'
+    return f'<g class="asked{faded}"><title>{text("; ".join(said))}</title>{marks}</g>'
 
 
 def stub(at: Layout, group_drawn: int, group: int | None) -> str:
@@ -119,7 +128,7 @@ def hint(tree: InterpretationTree, node: DrawnNode) -> str:
     if rule == PRUNED:
         return said
     for k in node.branches:
-        low, high = (100.0 * float(v) for v in nodes.error_interval[k])
-        said += f"; {nodes.branch[k]} errs in {percent(nodes.error[k])}, 95 % interval {number(low)} to {number(high)} %, "
-        said += count_of(int(nodes.draws[k]), "noisy draw")
+        low, high = (percent(v) for v in nodes.error_interval[k])
+        said += f"; {nodes.branch[k]} errs in {percent(nodes.error[k])}, 95 % interval {low} to {high}"
+        said += f", {count_of(int(nodes.draws[k]), 'noisy draw')}"
     return said

@@ -47,7 +47,8 @@ def tree_body(tree: InterpretationTree) -> str:
 {face_table(tree)}</section>
 <section><h2>Branches and attitude groups</h2>
 <p class="muted">Views of one shape label form an attitude group; branches divide them by the faces that are
-detectable. {EDGE_KEY} Dashed: pruned.</p>
+detectable. {EDGE_KEY} Dashed: pruned. At borders: views whose label differs from the group's in a digit that is
+uncertain. Lost: expected share of the group's whole and cut regions that end in another leaf.</p>
 <div class="scroll card">{svg_tree(tree, figure="branches")}</div>
 {group_table(tree)}
 {pruned_figures(tree, pictures)}</section>
@@ -60,8 +61,8 @@ it, slant under the limit); grey what is seen but not detectable.</p>
 <section><h2>What the nodes compare</h2>
 <p class="muted">What noisy draws of the groups on each side of a node gave, a panel for each quantity; the line is the
 median. Quantities named “log” are natural logarithms of lengths in mm, all others have no unit; an agreement is how
-well a region fits the work models of a group, 1 at best. Expected for the whole tree: {whole} of whole regions and {cut}
-of cut ones end in another leaf than their own.</p>
+well a region fits the work models of a group, 1 at best. Expected for the whole tree: {whole} of whole regions and
+{cut} of cut ones end in another leaf than their own.</p>
 {node_cards(tree)}</section>
 <section><h2>Errors of the classification rules</h2>
 <p class="muted">Share of noisy draws that each rule sends to the wrong side of a branch, groups weighted by their

@@ -5,8 +5,8 @@ import numpy as np
 from itree_jax.report.markup import EN_DASH, NOT_KNOWN, number, percent, table, text
 from itree_jax.report.palette import css, cycle
 from itree_jax.report.rule_titles import rule_title
-from itree_jax.report.svg_leaf import left_open
 from itree_jax.sensor import Sensor
+from itree_jax.tree.chain import left_open
 from itree_jax.tree.classification_rules import rules_in
 from itree_jax.tree.confusion import AMBIGUOUS
 from itree_jax.tree.drawing import leaf_names
@@ -31,7 +31,7 @@ def face_table(tree: InterpretationTree) -> str:
 def determination_words(tree: InterpretationTree, g: int) -> str:
     """How the attitude is found, as HTML."""
     if tree.groups.pruned[g]:
-        return f"pruned: {text(tree.groups.pruned_reason[g])}"
+        return "pruned"
     steps = " → ".join(text(rule) for rule in tree.determination.steps[g])
     return f"{steps} → {left_open(tree, g)}" if steps else left_open(tree, g)
 
@@ -40,7 +40,7 @@ def group_table(tree: InterpretationTree) -> str:
     """One row for each attitude group."""
     groups, names = tree.groups, leaf_names(tree)
     rows = []
-    for g in range(groups.group_count):
+    for g in (*names, *np.flatnonzero(groups.pruned).tolist()):
         whole, cut = tree.confusion.group_error[g]
         borders = int((groups.membership[groups.group_of_view == g] < 1.0).sum())
         rows.append([
@@ -50,8 +50,8 @@ def group_table(tree: InterpretationTree) -> str:
             percent(whole), percent(cut), determination_words(tree, g),
         ])  # fmt: skip
     head = [
-        "", "label", "views", "of them at borders", "representative view", "rotation [°]", "regions",
-        "end in another leaf: whole regions", "cut regions", "attitude determination",
+        "", "label", "views", "at borders", "shown in view", "rotation [°]", "regions",
+        "lost whole", "lost cut", "attitude determination",
     ]  # fmt: skip
     return table(head, rows, numeric=range(2, 9))
 

@@ -4,16 +4,15 @@ and 3.4): x along the maximum inertia direction, [mm] on the face from the mass 
 import numpy as np
 from jaxtyping import Float
 
-from itree_jax.features.characteristics import CHARACTERISTICS
-from itree_jax.report.markup import number, text
+from itree_jax.report.markup import MINUS, number, text
 from itree_jax.report.palette import GREEN, ORANGE, PURPLE, SKY, VERMILLION, css
 from itree_jax.tree.leaf_model import LeafModel
 
 SIDE = 220.0  # [px] of a picture
 RIM = 14.0  # [px] around what is drawn
 BAR_LENGTHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)  # [mm]
-CHARACTERISTIC_COLOURS = dict(zip(CHARACTERISTICS, (SKY, ORANGE, GREEN, PURPLE, VERMILLION), strict=True))
-SHORT = dict(zip(CHARACTERISTICS, ("P", "C", "E+", "E\N{MINUS SIGN}", "H"), strict=True))
+COLOURS = (SKY, ORANGE, GREEN, PURPLE, VERMILLION)  # of CHARACTERISTICS
+SHORT = ("P", "C", "E+", f"E{MINUS}", "H")  # colour is not their only sign
 
 
 def shape_figure(model: LeafModel) -> str:
@@ -35,8 +34,7 @@ def surface_figure(model: LeafModel) -> str:
     """Prominent edges as lines, and the existence rectangles of the surface characteristics."""
     to_px = Scale(model)
     areas = "".join(
-        area(to_px(vertices), CHARACTERISTICS[int(c)])
-        for vertices, c in zip(model.areas, model.area_characteristic, strict=True)
+        area(to_px(vertices), int(c)) for vertices, c in zip(model.areas, model.area_characteristic, strict=True)
     )
     lines = ""
     for ends, strength in zip(model.edges, model.edge_strength, strict=True):
@@ -49,8 +47,8 @@ def surface_figure(model: LeafModel) -> str:
     )
 
 
-def area(vertices: Float[np.ndarray, "4 2"], characteristic: str) -> str:
-    colour = css(CHARACTERISTIC_COLOURS[characteristic])
+def area(vertices: Float[np.ndarray, "4 2"], characteristic: int) -> str:
+    colour = css(COLOURS[characteristic])
     x, y = vertices.mean(axis=0)
     return (
         f'<path class="area" fill="{colour}" stroke="{colour}" d="{closed(vertices)}"/>'

@@ -1,4 +1,4 @@
-"""What is in a tree, as tables for the terminal (`itree show`)."""
+"""What is in a tree, as tables for the terminal, and the tree as figure 4 of the paper draws it (`itree show`)."""
 
 from typing import Any
 
@@ -7,8 +7,10 @@ from rich.table import Table
 from rich.text import Text
 from rich.tree import Tree
 
+from itree_jax.tree.chain import determination_chain, left_open
 from itree_jax.tree.confusion import AMBIGUOUS
 from itree_jax.tree.describe import describe
+from itree_jax.tree.drawing import Drawing, interpretation_drawing, leaf_names, node_error, node_name
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 
@@ -18,7 +20,7 @@ def as_text(tree: InterpretationTree) -> Group:
     blocks: list[RenderableType] = [heading(facts), group_table(facts), face_line(facts)]
     if facts["nodes"]:
         blocks += [node_table(facts), expected_line(facts)]
-    blocks += [leaf_table(facts), drawn_tree(facts), ambiguity_list(facts)]
+    blocks += [leaf_table(facts, tree), drawn_tree(tree), ambiguity_list(facts)]
     return Group(*(item for block in blocks for item in (block, Text(""))))
 
 
@@ -71,27 +73,35 @@ def node_table(facts: dict[str, Any]) -> Table:
 
 def expected_line(facts: dict[str, Any]) -> Text:
     whole, cut = (percent(facts["expected_error"][kind]) for kind in ("whole", "cut"))
-    return Text(f"Expected error of the whole tree: {whole} % of whole regions, {cut} % of cut ones end in another leaf.")
+    return Text(f"Expected of the whole tree: {whole} % of whole regions, {cut} % of cut ones end in another leaf.")
 
 
 def by_kind(errors: dict[str, float | None]) -> str:
     return "-" if errors["whole"] is None else f"{percent(errors['whole'])}/{percent(errors['cut'])}"
 
 
-def leaf_table(facts: dict[str, Any]) -> Table:
+def leaf_table(facts: dict[str, Any], tree: InterpretationTree) -> Table:
     rules = list(facts["leaves"][0]["rule_errors"]) if facts["leaves"] else []
-    heads = ["group", "steps", "rotation", *(f"{rule} %" for rule in rules)]
+    heads = ["leaf", "group", "steps", "left", *(f"{rule} %" for rule in rules)]
     table = Table(*heads, title="Attitude determination", title_justify="left")
-    for leaf in facts["leaves"]:
-        others = [percent(leaf["rule_errors"][rule]) for rule in rules]
-        table.add_row(leaf["group"], _steps(leaf), leaf["remaining_freedom"], *others)
+    leaf = {entry["group"]: entry for entry in facts["leaves"]}
+    for g, name in leaf_names(tree).items():
+        label = tree.groups.label_strings[g]
+        others = [percent(leaf[label]["rule_errors"][rule]) for rule in rules]
+        table.add_row(name, label, " ".join(tree.determination.steps[g]) or "-", left_open(tree, g), *others)
     return table
 
 
-def drawn_tree(facts: dict[str, Any]) -> Tree:
-    """Branches from the root to the groups; a set of pruned groups alone is one line."""
-    root = Tree("Interpretation tree")
-    _draw(root, facts, None, None)
+def drawn_tree(tree: InterpretationTree) -> Tree:
+    """Figure 4: the nodes that decide, with rule and errors on whole / on cut regions; the leaves with the chain of
+    determination rules and the freedom that each takes."""
+    drawing = interpretation_drawing(tree)
+    root = Tree("Interpretation tree (errors of whole / of cut regions)")
+    if drawing.nodes:
+        _draw(root, tree, drawing, 0, "")
+    else:
+        for g in drawing.leaves:
+            root.add(Text(_leaf(tree, g)))
     return root
 
 
@@ -105,7 +115,8 @@ def ambiguity_list(facts: dict[str, Any]) -> Text:
         else:
             lines.append(f"  {a['group']}: {a['remaining_freedom']} (view {a['view']}); refinement decides")
     if not lines:
-        return Text(f"No ambiguities: no two groups are confused in over {percent(AMBIGUOUS)} % of draws, no rotation stays open.")
+        bound = f"{percent(AMBIGUOUS)} % of draws"
+        return Text(f"No ambiguities: no two groups are confused in over {bound}, no rotation stays open.")
     return Text("Ambiguities\n" + "\n".join(lines))
 
 
@@ -113,25 +124,29 @@ def percent(share: float | None) -> str:
     return "-" if share is None else f"{100.0 * share:.1f}"
 
 
-def _draw(at: Tree, facts: dict[str, Any], parent: int | None, side: str | None) -> None:
-    """Adds what hangs on one side of a node (or the root) to the drawing."""
-    below = [n for n in facts["nodes"] if (n["parent"], n["side"]) == (parent, side)]
-    if below:
-        node = below[0]
-        error = "" if node["rule"] == PRUNED else f", errs in {percent(node['error_rate'])} %"
-        branch = at.add(f"{node['branch']}: any of {_face_names(facts, node)}? {node['rule']}{error}")
-        for answer, name in (("yes", "visible"), ("no", "hidden")):
-            _draw(branch.add(answer), facts, node["id"], name)
-        return
-    members = [g["label"] for g in facts["groups"]] if parent is None else facts["nodes"][parent][side]
-    leaf = {entry["group"]: entry for entry in facts["leaves"]}
-    for label in members:
-        known = f"{_steps(leaf[label])}, {leaf[label]['remaining_freedom']}" if label in leaf else "pruned"
-        at.add(f"{label}: {known}")
+def _draw(at: Tree, tree: InterpretationTree, drawing: Drawing, node: int, asked: str) -> None:
+    """Adds a node and what hangs on its sides."""
+    drawn = drawing.nodes[node]
+    whole, cut = (percent(error) for error in node_error(tree, drawn))
+    rule = tree.nodes.rule[drawn.branches[0]]
+    branch = at.add(Text(f"{asked}{node_name(tree, drawn)}: {rule}, errs in {whole} / {cut} %"))
+    for side in drawn.sides:
+        answer = ", ".join(f"{'any' if visible else 'none'} of {_digits(tree, k)}" for k, visible in side.answers)
+        if side.below is not None:
+            _draw(branch, tree, drawing, side.below, f"{answer} → ")
+        else:
+            for g in side.groups:
+                branch.add(Text(f"{answer} → {_leaf(tree, g)}"))
 
 
-def _steps(leaf: dict[str, Any]) -> str:
-    return " ".join(step["rule"] for step in leaf["steps"]) or "-"
+def _leaf(tree: InterpretationTree, group: int) -> str:
+    chain = "".join(f"{rule} ({taken}), " for rule, taken in determination_chain(tree, group))
+    return f"{leaf_names(tree)[group]} {tree.groups.label_strings[group]}: {chain}{left_open(tree, group)}"
+
+
+def _digits(tree: InterpretationTree, branch: int) -> str:
+    """The faces that a branch asks for: f1 is the first digit of the label, as in the paper."""
+    return " ".join(f"f{digit + 1}" for digit in tree.nodes.tested[branch].nonzero()[0])
 
 
 def _face_names(facts: dict[str, Any], node: dict[str, Any]) -> str:

@@ -78,8 +78,8 @@ def interpretation_drawing(tree: InterpretationTree) -> Drawing:
 
 def answers_of(tree: InterpretationTree, branches: tuple[int, ...], group: int) -> tuple[tuple[int, bool], ...]:
     """What a group answers to the branches that it reaches."""
-    nodes = tree.nodes
-    return tuple((k, bool(nodes.visible[k, group])) for k in branches if nodes.visible[k, group] or nodes.hidden[k, group])
+    visible, hidden = tree.nodes.visible[:, group], tree.nodes.hidden[:, group]
+    return tuple((k, bool(visible[k])) for k in branches if visible[k] or hidden[k])
 
 
 def leaves_of(nodes: list[DrawnNode], groups: np.ndarray) -> tuple[int, ...]:

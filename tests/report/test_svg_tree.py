@@ -1,4 +1,4 @@
-"""The tree's picture: every branch and leaf once, no crossing edges, the path of decision_path in bold."""
+"""The tree's picture: every node and leaf once, no crossing edges, the path of decision_path in bold."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -6,16 +6,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from itree_jax.decision_path import determination_steps, path_to
+from itree_jax.decision_path import determination_steps
 from itree_jax.detections import Step
-from itree_jax.report.svg_tree import BOX_W, layout, leaf_order, svg_tree
+from itree_jax.report.svg_file import write_svg_tree
+from itree_jax.report.svg_tree import svg_tree
+from itree_jax.report.tree_layout import faces_asked, layout
 from itree_jax.report.tree_path import group_reached
-from itree_jax.tree.branches import branches
-from itree_jax.tree.tree import ROOT, InterpretationTree
+from itree_jax.tree.drawing import branch_drawing, interpretation_drawing, leaf_names, node_name
+from itree_jax.tree.tree import PRUNED, InterpretationTree
+
+from ..tree.drawn_trees import random_tree, relabelled, with_rules, with_steps
+
+FIGURES = {"interpretation": interpretation_drawing, "branches": branch_drawing}
+SVG = "{http://www.w3.org/2000/svg}"
 
 
-def parsed(tree: InterpretationTree, group: int | None = None) -> ET.Element:
-    return ET.fromstring(svg_tree(tree, group))
+def parsed(tree: InterpretationTree, group: int | None = None, figure="interpretation") -> ET.Element:
+    return ET.fromstring(svg_tree(tree, group, figure))
 
 
 def with_class(root: ET.Element, *classes: str) -> list[ET.Element]:
@@ -26,75 +33,83 @@ def names(root: ET.Element, *classes: str) -> list[str]:
     return [e.findtext("text[@class='name']") or "" for e in with_class(root, *classes) if e.tag == "g"]
 
 
-def relabelled(tree: InterpretationTree, labels: np.ndarray, areas: np.ndarray) -> InterpretationTree:
-    """The tree of other groups; what was measured is left out."""
-    count = len(labels)
-    parts = branches(labels, areas, np.zeros(count, bool))
-    n = parts.branch_count
-    nodes = replace(
-        tree.nodes, branch=parts.names, tested=parts.tested, parent=parts.parent,
-        on_visible_side=parts.on_visible_side, visible=parts.visible, hidden=parts.hidden, rule=("L1",) * n,
-        error=np.zeros(n, np.float32), error_interval=np.zeros((n, 2), np.float32), draws=np.zeros(n, np.int32),
-        rule_errors=np.zeros((n, 3), np.float32),
-    )  # fmt: skip
-    groups = replace(
-        tree.groups, group_labels=labels, pruned=np.zeros(count, bool), pruned_reason=("",) * count,
-        group_of_view=np.arange(60) % count,
-    )  # fmt: skip
-    determination = replace(
-        tree.determination, steps=((),) * count, rotations_left=np.zeros(count, np.int32),
-        error=np.full((count, 4), np.nan, np.float32), draws=np.zeros(count, np.int32),
-    )  # fmt: skip
-    return replace(tree, nodes=nodes, groups=groups, determination=determination)
+def steps_shown(root: ET.Element, *classes: str) -> list[str]:
+    return [name.split(" ·")[0] for name in names(root, "box", "step", *classes)]
 
 
-def random_tree(tree: InterpretationTree, seed: int, count: int) -> InterpretationTree:
-    rng = np.random.default_rng(seed)
-    labels = np.unique(rng.random((count, 8)) < 0.4, axis=0)[::-1]
-    areas = np.sort(rng.choice([100.0, 99.0, 60.0, 30.0, 29.5], 8))[::-1]
-    return relabelled(tree, labels, areas)
+def nodes_shown(root: ET.Element, *classes: str) -> list[str]:
+    chains = names(root, "box", "step", *classes)
+    return [name for name in names(root, "box", *classes) if name not in chains]
 
 
-def test_every_branch_rule_and_group_is_drawn_once(tree):
-    root = parsed(tree)
-    steps = [rule for chain in tree.determination.steps for rule in chain]
-    drawn = sorted(f"{b} · {r}" for b, r in zip(tree.nodes.branch, tree.nodes.rule, strict=True))
-    assert sorted(names(root, "box")) == sorted([*drawn, *steps])
-    labels = [e.text for e in with_class(root, "label")]
-    assert sorted(labels) == sorted(tree.groups.label_strings)
+def test_figure_3_has_every_branch_with_its_rule_and_every_group(tree):
+    root = parsed(tree, figure="branches")
+    drawn = [f"{b} · {r}" for b, r in zip(tree.nodes.branch, tree.nodes.rule, strict=True)]
+    assert nodes_shown(root) == drawn
+    assert sorted(e.text or "" for e in with_class(root, "label")) == sorted(tree.groups.label_strings)
+    assert steps_shown(root) == []
+    assert len(with_class(root, "box", "pruned")) == tree.nodes.rule.count(PRUNED)
     assert with_class(root, "on") == []
 
 
-def test_the_bold_path_is_that_of_the_decision_path(tree):
-    for group, label in enumerate(tree.groups.label_strings):
-        root = parsed(tree, group)
-        path = path_to(tree, group)
-        drawn = [f"{tree.nodes.branch[k]} · {tree.nodes.rule[k]}" for k in path]
-        assert names(root, "box", "on") == [*sorted(drawn), *tree.determination.steps[group]]
-        assert len(with_class(root, "edge", "on")) == len(path) + len(tree.determination.steps[group])
+def test_figure_4_has_joined_nodes_and_the_leaves_with_their_chains(tree):
+    tree = with_steps(with_rules(tree, ("L1", "L1", PRUNED, PRUNED, "L6", "L7")), 0, ("A1", "A4", "A5"), 1)
+    root = parsed(tree)
+    assert nodes_shown(root) == ["B0+B1 · L1", "B4 · L6", "B5 · L7"]
+    assert with_class(root, "pruned") == []
+    leaves = leaf_names(tree)
+    assert [e.text for e in with_class(root, "attitude")] == list(leaves.values())
+    assert [e.text for e in with_class(root, "label")] == [tree.groups.label_strings[g] for g in leaves]
+    assert steps_shown(root) == [rule for g in leaves for rule in tree.determination.steps[g]]
+    assert "rotation 360 → 2" in "".join(root.itertext())
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+def test_the_bold_path_leads_to_its_leaf_through_the_nodes_that_the_group_reaches(tree, figure):
+    drawing = FIGURES[figure](tree)
+    for group in np.flatnonzero(~tree.groups.pruned).tolist():
+        root = parsed(tree, group, figure)
+        path = [node for node in drawing.nodes if group in node.groups]
+        drawn = [f"{node_name(tree, node)} · {tree.nodes.rule[node.branches[0]]}" for node in path]
+        assert nodes_shown(root, "on") == drawn
+        chain = tree.determination.steps[group] if figure == "interpretation" else ()
+        assert steps_shown(root, "on") == list(chain)
+        assert len(with_class(root, "edge", "on")) == len(path) + len(chain)
         (leaf,) = with_class(root, "leaf", "on")
-        assert leaf.findtext("text[@class='label']") == label
+        assert leaf.findtext("text[@class='label']") == tree.groups.label_strings[group]
 
 
+def test_a_pruned_group_has_no_path_in_figure_4(tree):
+    pruned = int(np.flatnonzero(tree.groups.pruned)[0])
+    assert with_class(parsed(tree, pruned), "on") == []
+    assert len(with_class(parsed(tree, pruned, "branches"), "leaf", "on")) == 1
+
+
+@pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("seed", range(6))
-def test_no_edges_cross(tree, seed):
-    """The leaves of every branch lie side by side, its visible side above the hidden one, and a branch between."""
-    drawn = random_tree(tree, seed, 5 + 6 * seed)
-    at, order, nodes = layout(drawn), leaf_order(drawn), drawn.nodes
-    assert sorted(order) == list(range(drawn.groups.group_count))
-    rank = np.argsort(order)
-    for k in range(len(nodes.branch)):
-        above, below = np.sort(rank[nodes.visible[k]]), np.sort(rank[nodes.hidden[k]])
-        np.testing.assert_array_equal(np.concatenate([above, below]), above[0] + np.arange(len(above) + len(below)))
-        assert at.leaf_y[order[above[0]]] < at.node_y[k] < at.leaf_y[order[below[-1]]]
-        if nodes.parent[k] != ROOT:
-            assert at.node_x[k] > at.node_x[int(nodes.parent[k])] + BOX_W
-        assert at.node_x[k] + BOX_W < at.end
+def test_no_edges_cross_and_no_boxes_overlap(tree, seed, figure):
+    """Leaves of every side lie side by side, sides from top to bottom, nodes between their sides and right of the
+    node above."""
+    drawn = random_tree(tree, seed, 1 + 5 * seed)
+    drawing = FIGURES[figure](drawn)
+    at = layout(drawn, drawing)
+    assert np.all(np.diff([at.leaf_y[g] for g in drawing.leaves]) > 0)
+    rank = {g: k for k, g in enumerate(drawing.leaves)}
+    for k, node in enumerate(drawing.nodes):
+        ranks = [rank[g] for side in node.sides for g in sorted(side.groups, key=rank.__getitem__)]
+        assert ranks == list(range(ranks[0], ranks[0] + len(ranks)))
+        ys = [at.side_y(side) for side in node.sides]
+        assert sorted(ys) == ys
+        assert ys[0] < at.node_y[k] < ys[-1]
+        if node.above is not None:
+            assert at.node_x[k] > at.node_x[node.above] + at.node_w[node.above]
+        assert at.node_x[k] + at.node_w[k] < at.end
 
 
+@pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("seed", [0, 5])
-def test_everything_lies_inside_of_the_picture(tree, seed):
-    root = parsed(random_tree(tree, seed, 30), 0)
+def test_everything_lies_inside_of_the_picture(tree, seed, figure):
+    root = parsed(random_tree(tree, seed, 30), 0, figure)
     width, height = (float(v) for v in root.get("viewBox", "").split()[2:])
     for e in root.iter():
         if e.get("x") is not None:
@@ -102,11 +117,18 @@ def test_everything_lies_inside_of_the_picture(tree, seed):
             assert 0 <= float(e.get("y", "")) <= height
 
 
-def test_a_tree_of_one_group_is_one_leaf(tree):
-    one = relabelled(tree, np.ones((1, 8), bool), np.linspace(90, 10, 8))
-    root = parsed(one, 0)
-    assert len(with_class(root, "leaf", "on")) == len(with_class(root, "edge", "on")) == 1
-    assert with_class(root, "box") == []
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_tree_of_one_group_is_one_leaf(tree, figure):
+    one = relabelled(tree, np.ones((1, 8), bool), np.linspace(90, 10, 8), np.zeros(1, bool))
+    root = parsed(one, 0, figure)
+    assert len(with_class(root, "leaf", "on")) == 1
+    assert nodes_shown(root) == []
+
+
+def test_faces_that_follow_each_other_are_one_range(tree):
+    tested = np.array([[1, 1, 0, 0, 0, 0, 0, 0], [1, 1, 1, 0, 1, 1, 1, 1], [0, 1, 0, 1, 0, 0, 0, 0]], bool)
+    odd = replace(tree, nodes=replace(tree.nodes, tested=tested))
+    assert [faces_asked(odd, k) for k in range(3)] == ["1,2", "1\N{EN DASH}3,5\N{EN DASH}8", "2,4"]
 
 
 def test_names_are_escaped(tree):
@@ -115,9 +137,24 @@ def test_names_are_escaped(tree):
     assert name in (root.findtext("title") or "")
 
 
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_file_of_its_own_carries_its_style_and_fetches_nothing(tmp_path, tree, figure):
+    for name in ("a.svg", "b.svg"):
+        write_svg_tree(tmp_path / name, tree, figure)
+    text = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert text == (tmp_path / "b.svg").read_text(encoding="utf-8")
+    root = ET.fromstring(text)
+    assert root.tag == f"{SVG}svg"
+    assert len(root.findall(f"{SVG}style")) == 1
+    assert [word for word in ("var(", "url(", "@import", "href", "<script") if word in text] == []
+    boxes = [e for e in root.iter(f"{SVG}g") if e.get("class", "").startswith("box")]
+    assert len(boxes) == len(with_class(parsed(tree, figure=figure), "box"))
+
+
 def test_the_group_reached_is_read_from_the_last_step(tree):
     for group in np.flatnonzero(~tree.groups.pruned).tolist():
-        assert group_reached(tree, determination_steps(tree, group)) == group
+        chained = with_steps(tree, group, ("A1",), 1)
+        assert group_reached(chained, determination_steps(chained, group)) == group
     assert group_reached(tree, ()) is None
 
 
