@@ -177,14 +177,9 @@ def recognize_scene(scene: "Scene", prepared: "Sequence[Prepared]") -> "Detectio
 
 def check_objects(prepared: "Sequence[Prepared]") -> None:
     """Raises ItreeError when two different parts have one object number."""
-    names: dict[int, str] = {}
-    for one in prepared:
-        name = names.setdefault(one.tree.obj_id, one.tree.part.name)
-        if name != one.tree.part.name:
-            raise ItreeError(
-                f"the trees of '{name}' and '{one.tree.part.name}' are both of object {one.tree.obj_id}; compile one "
-                "of them with another --obj-id"
-            )
+    from itree_jax.tree import forest
+
+    forest.check_objects([one.tree for one in prepared])
 
 
 def check_numbered(folders: Sequence[Path]) -> None:
