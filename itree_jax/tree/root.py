@@ -10,13 +10,14 @@ densities of the other.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.distance import cdist
 from scipy.special import logsumexp
 
-from itree_jax.tree.choice import WORTH_A_PAIR, cheapest_of_equals
+from itree_jax.tree.choice import cheapest_of_equals
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, PAIR
 from itree_jax.tree.classify import LEAST_ERROR
 from itree_jax.tree.tree import InterpretationTree
@@ -101,9 +102,7 @@ def measure_root(trees: Sequence[InterpretationTree]) -> Root:
     """Chooses the rules by the error between the parts, and how far behind a part may be and still be left."""
     draws = tuple(part_draws(tree) for tree in trees)
     density, true, weight = cross_validated(draws)
-    every = tuple(range(len(ROOT_RULES)))
-    errors = np.array([told_wrong(with_none_weighed(density[[r]].sum(axis=0)), true, weight) for r in every])
-    chosen = choose(density, true, weight, errors)
+    chosen, rule_errors = choose(density, true, weight)
     said = with_none_weighed(density[list(chosen)].sum(axis=0))
     behind = max(LEAST_BEHIND, weighted_quantile(behind_best(said)[np.arange(len(true)), true], weight, 1.0 - LEFT_OUT))
     left = parts_left(said, behind)
@@ -111,8 +110,8 @@ def measure_root(trees: Sequence[InterpretationTree]) -> Root:
     np.add.at(confusion, (true, said.argmax(axis=1)), weight * len(trees))
     return Root(
         names=tuple(tree.part.name for tree in trees), draws=draws,
-        rule=PAIR.join(ROOT_RULES[r].name for r in sorted(chosen)),
-        error=told_wrong(said, true, weight), rule_errors=errors, confusion=confusion, behind=behind,
+        rule=PAIR.join(ROOT_RULES[r].name for r in chosen),
+        error=told_wrong(said, true, weight), rule_errors=rule_errors, confusion=confusion, behind=behind,
         left_out=float(weight @ ~left[np.arange(len(true)), true]), mean_left=float(weight @ left.sum(axis=1)),
     )
 
@@ -134,21 +133,17 @@ def cross_validated(
 
 def choose(
     density: Float[np.ndarray, "rules draws outcomes"], true: Int[np.ndarray, "draws"],
-    weight: Float[np.ndarray, "draws"], errors: Float[np.ndarray, "rules"],
-) -> list[int]:
-    """The rule that errs least, and others as long as each takes away more than a node's second rule must."""
-    chosen = [cheapest_of_equals(errors, [rule.cost for rule in ROOT_RULES])]
-    error = errors[chosen[0]]
-    while len(chosen) < len(errors):
-        others = [r for r in range(len(errors)) if r not in chosen]
-        together = [with_none_weighed(density[[*chosen, r]].sum(axis=0)) for r in others]
-        found = np.array([told_wrong(said, true, weight) for said in together])
-        best = cheapest_of_equals(found, [ROOT_RULES[r].cost for r in others])
-        if found[best] >= error - WORTH_A_PAIR:
-            break
-        chosen.append(others[best])
-        error = found[best]
-    return chosen
+    weight: Float[np.ndarray, "draws"],
+) -> tuple[tuple[int, ...], Float[np.ndarray, "rules"]]:
+    """The rules that err least together, the cheapest of equals; also the error of each rule alone.
+
+    Where a node of a tree takes two rules at most, the root takes any: the trees measure them all anyway.
+    """
+    count = len(ROOT_RULES)
+    sets = [rules for size in range(1, count + 1) for rules in combinations(range(count), size)]
+    errors = np.array([told_wrong(with_none_weighed(density[list(s)].sum(axis=0)), true, weight) for s in sets])
+    best = cheapest_of_equals(errors, [sum(ROOT_RULES[r].cost for r in s) for s in sets])
+    return sets[best], errors[:count]
 
 
 def log_posterior(
@@ -163,6 +158,9 @@ def log_densities(
 ) -> Float[np.ndarray, "regions outcomes"]:
     """log p(quantity | part): kernel densities over each part's draws, in the windows of that part. Last `NONE`: a
     normal distribution about all parts, `WIDER` than they are.
+
+    A region may be cut as no draw was: a share of `LEAST_ERROR` of a part's regions is like any other thing, so that no
+    rule speaks louder than it was measured to be right.
     """
     parts = [
         log_density(quantity[rule], one.samples[rule], one.bandwidth[rule], one.weight)
@@ -173,7 +171,8 @@ def log_densities(
     narrowest = np.max([one.bandwidth[rule] for one in draws], axis=0)
     deviation = WIDER * np.maximum(np.sqrt(variance), narrowest)
     none = np.mean([log_density(q[rule], mean[None], deviation, np.ones(1)) for q in measured], axis=0)
-    return np.stack([*parts, none], axis=1)
+    believed = [np.logaddexp(np.log1p(-LEAST_ERROR) + part, np.log(LEAST_ERROR) + none) for part in parts]
+    return np.stack([*believed, none], axis=1)
 
 
 def log_density(
