@@ -3,9 +3,9 @@
     python experiments/forest_growth.py [--cache DIR] [--sizes N ...] [--scenes N] [--runs N] [--out FILE]
 
 Twenty parts (`forest_parts.py`) are compiled with few draws, once; the trees stay in the cache. The bins hold the five
-bundled parts, one each, dropped by the physics engine (extra `sim`), so the forests of five parts and more know all that
-lies there. Every forest is also asked without its root (all regions of all parts) where `--exhaustive` says up to which
-size: that is what N trees one after another cost.
+bundled parts, one each, dropped by the physics engine (extra `sim`), so that forests of five parts and more know all
+that lies there. Forests up to the size `--exhaustive` are also measured without their root (all regions, all parts):
+that is what N trees one after another cost.
 """
 
 import argparse
@@ -196,4 +196,4 @@ if __name__ == "__main__":
     parser.add_argument("--draws", type=int, default=Config.draws)
     parser.add_argument("--seed", type=int, default=Config.seed)
     given = vars(parser.parse_args())
-    main(Config(**given | {"sizes": tuple(given["sizes"])}))
+    main(replace(Config(), **given | {"sizes": tuple(given["sizes"])}))
