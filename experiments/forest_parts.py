@@ -99,11 +99,13 @@ def gusset_angle() -> Solid:
 
 
 def long_plate() -> Solid:
-    return box((0, 0, 0), (90, 26, 7), "plate") - hole(7.0, 16, 13) - hole(7.0, 70, 13) - box((36, 18, -1), (52, 27, 8), "notch")
+    body = box((0, 0, 0), (90, 26, 7), "plate") - hole(7.0, 16, 13) - hole(7.0, 70, 13)
+    return body - box((36, 18, -1), (52, 27, 8), "notch")
 
 
 def square_plate() -> Solid:
-    return box((0, 0, 0), (54, 54, 6), "plate") - hole(14.0, 27, 27) - hole(3.5, 8, 8) - box((42, 42, -1), (55, 55, 7), "notch")
+    body = box((0, 0, 0), (54, 54, 6), "plate") - hole(14.0, 27, 27) - hole(3.5, 8, 8)
+    return body - box((42, 42, -1), (55, 55, 7), "notch")
 
 
 def knob() -> Solid:

@@ -32,8 +32,8 @@ from itree_jax.tree.sights import (
 
 WINDOW_SIZE = 48  # pixels across the largest extent of the part: 2 % of its size, and a region has hundreds of them
 WINDOW_MARGIN = 1.1  # the window is at least this much wider than the part, so that noise at its rim isn't cut
-# Pitches are a quarter of an octave apart, so that parts of about one size share their windows, and a region is measured
-# once for all of them. It costs a part a tenth of its pixels across on average, a sixth at most.
+# Pitches are a quarter of an octave apart, so that parts of about one size share their windows, and a region is
+# measured once for all of them. It costs a part a tenth of its pixels across on average, a sixth at most.
 SIZES_PER_OCTAVE = 4
 STORED_BROTHERS = 2  # other regions of an attitude: no more than three are kept
 BATCH = 256  # windows measured at once
