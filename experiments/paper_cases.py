@@ -7,18 +7,19 @@ attitude of its group and the scene is recognised; the page shows every stage of
 further scenes are recognised, and counted. Needs the physics engine (extra `sim`).
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
-from cases.case import CASES, Case
-from cases.instances import fair_scene, instances
-from cases.page import CasePage, write_case, write_index
-from cases.recognised import recognise
 from itree_cad.bundled import bundled_part
 
+from cases.case import CASES, Case
+from cases.instances import Instance, fair_scene, instances
+from cases.page import CasePage, write_case, write_index
+from cases.recognised import recognise
 from itree_jax.cli.runtime import start_jax
 from itree_jax.compile import compile_tree
 from itree_jax.prepared import Prepared, prepare
@@ -27,6 +28,7 @@ from itree_jax.tree.tree import InterpretationTree
 from itree_jax.tree.tree_file import load_tree
 
 NEAR_REPRESENTATIVE = np.radians(10.0)  # of a page's attitude: the figures show the group as its representative has it
+MOST_FAILURES = 8  # scenes led to another group, after which no page of a right one is made
 OTHERS = 100  # first seed of the further instances
 
 
@@ -52,16 +54,27 @@ def main(config: Config) -> Path:
     prepared = prepare(paper_tree() if config.tree is None else load_tree(config.tree))
     pages = []
     for case in (c for c in CASES if c.number in config.cases):
-        pages.append(case_page(case, prepared, config.seed, config.instances))
-        write_case(config.output, pages[-1])
+        counted = instances(case, prepared, config.instances, OTHERS + config.seed)
+        for page in case_pages(case, prepared, config.seed):
+            shown = page if page.failed else replace(page, instances=counted[0], instances_unfair=counted[1])
+            write_case(config.output, shown)
+            pages.append(shown)
     return write_index(config.output, pages)
 
 
-def case_page(case: Case, prepared: Prepared, seed: int, count: int) -> CasePage:
-    """One scene near the representative attitude, whatever comes of it, and `count` from anywhere in the group."""
-    tries = fair_scene(case, prepared, seed, NEAR_REPRESENTATIVE)
-    recognised = recognise(case, tries.measured, prepared)
-    return CasePage(recognised, tries.seed, tries.unfair, *instances(case, prepared, count, OTHERS + seed))
+def case_pages(case: Case, prepared: Prepared, seed: int) -> Iterator[CasePage]:
+    """The first fair scene near the representative attitude, whatever comes of it; if the tree leads it to another
+    group, then also the first of the next ones that it leads to the right one."""
+    failed: list[Instance] = []
+    while len(failed) < MOST_FAILURES:
+        tries = fair_scene(case, prepared, seed, NEAR_REPRESENTATIVE)
+        page = CasePage(recognise(case, tries.measured, prepared), tries.seed, tries.unfair, failed=tuple(failed))
+        if not failed or page.own.group_right:
+            yield page
+        if page.own.group_right:
+            return
+        failed.append(page.own)
+        seed = tries.seed + 1
 
 
 def paper_tree() -> InterpretationTree:

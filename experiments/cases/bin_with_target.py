@@ -92,7 +92,7 @@ def lowered(
     mesh: RayMesh, points: Float[np.ndarray, "points 3"], R: Float[np.ndarray, "3 3"], place: Float[np.ndarray, "2"],
     T_below: Float[np.ndarray, "parts 4 4"], bin_: Bin,
 ) -> Float[np.ndarray, "4 4"]:
-    """T_bin_obj of a part of attitude R, let down over `place` (x, y) [mm] until it touches another one or the floor."""
+    """T_bin_obj of a part of attitude R, let down over `place` (x, y) [mm] until it touches another or the floor."""
     T = np.eye(4)
     T[:3, :3] = R
     T[:2, 3] = place - (R @ mesh.centre)[:2]

@@ -1,6 +1,7 @@
 """A magnified piece of a picture that is drawn on in the image's own coordinates."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -27,16 +28,20 @@ class Canvas:
     def place(self, uv: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
         return scaled_uv(np.asarray(uv, float) - self.corner, self.scale)
 
-    def line(self, uv: Float[np.ndarray, "n 2"], colour: Rgb, width: int = 2, dashed: bool = False) -> None:
-        """A line through image points with a thin dark rim."""
+    def line(
+        self, uv: Float[np.ndarray, "n 2"], colour: Rgb, width: int = 2, dashed: bool = False, rim: bool = True
+    ) -> None:
+        """A line through image points, with a thin dark rim."""
         pieces = _dashes(self.place(uv)) if dashed else [self.place(uv)]
         fixed = [np.array([subpixel(p) for p in piece], np.int32) for piece in pieces]
-        for ink, w in ((BLACK, width + 2), (colour, width)):
+        for ink, w in ((BLACK, width + 2), (colour, width))[0 if rim else 1 :]:
             cv2.polylines(self.picture, fixed, False, ink, w, cv2.LINE_AA, SUBPIXEL_BITS)
 
-    def outline(self, uv: Float[np.ndarray, "n 2"], colour: Rgb, width: int = 2, dashed: bool = False) -> None:
+    def outline(
+        self, uv: Float[np.ndarray, "n 2"], colour: Rgb, width: int = 2, dashed: bool = False, rim: bool = True
+    ) -> None:
         """A closed line."""
-        self.line(np.concatenate([uv, uv[:1]]), colour, width, dashed)
+        self.line(np.concatenate([uv, uv[:1]]), colour, width, dashed, rim)
 
     def fill(self, polygons: Sequence[Float[np.ndarray, "n 2"]], colours: Sequence[Rgb], strength: float) -> None:
         """Polygons over the picture, which shines through."""
@@ -87,7 +92,7 @@ def box_around(
 def _dashes(points: Float[np.ndarray, "n 2"]) -> list[Float[np.ndarray, "2 2"]]:
     """Short pieces along a line, with gaps of the same length between them."""
     pieces = []
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         count = max(1, round(float(np.linalg.norm(b - a)) / (2.0 * DASH)))
         at = np.linspace(0.0, 1.0, 2 * count + 1)[:-1].reshape(-1, 2)
         pieces += [a + t[:, None] * (b - a) for t in at]

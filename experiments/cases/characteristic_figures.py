@@ -63,7 +63,8 @@ def best_laid(r: Recognised, models: tuple[RegionModel, ...]) -> Laid:
 def lay(r: Recognised, model: RegionModel, turn: float) -> Laid:
     f = r.frame
     polygons = areas_on_image(model.areas, f.T, f.centroid, f.alpha + turn, f.pitch, f.size)
-    support = [float(_support(r.memberships, p, area.characteristic)) for p, area in zip(polygons, model.areas, strict=True)]
+    pairs = zip(polygons, model.areas, strict=True)
+    support = [float(_support(r.memberships, p, area.characteristic)) for p, area in pairs]
     return Laid(model, turn, polygons, np.array(support))
 
 
@@ -86,7 +87,7 @@ def distribution_figure(r: Recognised) -> str:
     caption = f"Share of the surface: {shares}; the rest lies at a crease or at the rim."
     used = [k for k in range(len(CHARACTERISTICS)) if (kind == k).any()]
     legend = swatches([*((css(COLOURS[k]), CHARACTERISTICS[k]) for k in used), (css(GREY), "not known")])
-    title = "Surface characteristics of the region"
+    title = "Surface characteristics measured"
     return figure(image(canvas.picture, "surface characteristics of the target region"), title, caption, legend)
 
 
@@ -101,11 +102,12 @@ def model_figure(r: Recognised, label: str, laid: Laid) -> str:
     for polygon, area, s in zip(laid.polygons, laid.model.areas, laid.support, strict=True):
         words = f"{CHARACTERISTICS[area.characteristic].split()[-1]} {s:.2f}"
         canvas.label(in_image(r, polygon).mean(axis=0), words, COLOURS[area.characteristic])
-    figure_name = "8e" if label == r.case.label else "8d"
-    title = f"{figure_name if r.case.number == 3 else 'As ' + figure_name} · Where {attitude_name(label)} would have them"
+    name = "8e" if label == r.case.label else "8d"
+    title = f"{name if r.case.number == 3 else 'As ' + name} · Where {attitude_name(label)} would have them"
     caption = (
-        "Rectangles of the representative attitude, at the rotation at which edges and characteristics agree best; painted "
-        "is what has the supposed characteristic, the number is its share of the rectangle (broken line: under a half). "
+        "Rectangles of the representative attitude, at the rotation at which edges and characteristics agree best; "
+        "painted is what has the supposed characteristic, the number is its share of the rectangle (broken line: under "
+        "a half). "
         f"Together, by surface, <b>{number(laid.together, 2)}</b>."
     )
     return figure(image(canvas.picture, f"surface characteristics against {label}"), title, caption)

@@ -12,6 +12,7 @@ from itree_jax.report.rule_titles import rule_title
 from itree_jax.tree.choice import ERROR_BOUND
 from itree_jax.tree.tree import PRUNED
 
+UNDECIDED = 1.0  # [nat]
 FIGURE = {1: "6c", 2: "7d", 3: "8f"}
 
 
@@ -28,8 +29,8 @@ def step_table(r: Recognised) -> str:
     head = ["node", "rule", "measured", "margin [nat]", "errs in", "freedom before", "after"]
     rows = [step_row(r, step) for step in r.steps]
     note = (
-        '<p class="muted">Margins are log-likelihoods by which the side taken beats the other, errors were measured when the '
-        "tree was compiled. Lengths in inertia are natural logarithms of mm. Group probabilities, all nodes together: "
+        '<p class="muted">Margins are log-likelihoods by which the side taken beats the other, errors were measured when '
+        "the tree was compiled. Lengths in inertia are natural logarithms of mm. Group probabilities, all nodes together: "
         f"{probabilities(r)}.</p>"
     )
     return table(head, rows, numeric=(3, 4)) + note
@@ -54,8 +55,8 @@ def measured_words(measured: object) -> str:
         return NOT_KNOWN
     words = []
     for name, value in measured.items():
-        short = next((name.replace(label, s) for label, s in ATTITUDE_NAMES.items() if label in name), name)
-        words.append(f"{text(short)} {number(value, 2)}")
+        short = next((s for label, s in ATTITUDE_NAMES.items() if name == f"agreement with {label}"), name)
+        words.append(f"{text(short)}: {number(value, 2)}")
     return "<br>".join(words)
 
 
@@ -75,22 +76,28 @@ def against_paper(r: Recognised) -> str:
     walked = [tree.nodes.rule[k] for k in way_to(r, wanted)]
     chain = tree.determination.steps[wanted]
     said = [
-        f"Classification: the paper takes {', '.join(case.paper_nodes)}; this tree, whose B0 and B1 are one node, takes "
-        f"{', '.join(dict.fromkeys(walked))}.",
-        f"Determination: the paper takes {', '.join(case.paper_chain)}; this tree takes {', '.join(chain) or 'no rule'}.",
+        f"Classification: the paper takes {', '.join(case.paper_nodes)}; this tree, whose B0 and B1 are one node too, "
+        f"takes {', '.join(dict.fromkeys(walked))}.",
+        f"Determination: the paper takes {', '.join(case.paper_chain)}; this tree takes "
+        f"{', '.join(chain) or 'no rule'}.",
     ]
-    dropped = [f"{rule} leaves {percent(errors[rule])}" for rule in case.paper_chain if rule not in chain]
-    if dropped:
+    missing = [rule for rule in case.paper_chain if rule not in chain]
+    over = [f"{rule} leaves {percent(errors[rule])}" for rule in missing if errors[rule] >= ERROR_BOUND]
+    if over:
         said.append(
-            f"A rule is adopted when it leaves less than {percent(ERROR_BOUND, 0)} of noisy draws of the group (any viewer direction "
-            f"within it, not the representative one alone) beyond 20° of the truth: {'; '.join(dropped)}."
+            f"A rule is adopted when it leaves less than {percent(ERROR_BOUND, 0)} of the group's noisy draws (any viewer "
+            f"direction within it, not the representative one alone) beyond 20° of the truth: {'; '.join(over)}."
         )
+    under = [rule for rule in missing if errors[rule] < ERROR_BOUND]
+    if under:
+        said.append(f"Of several under the bound the first in order is taken, {', '.join(under)} is another.")
     if int(tree.determination.rotations_left[wanted]) != 1:
         said.append("What stays open goes on as candidates, which refinement and verification decide between.")
     if r.group != wanted:
         said.append(
             f"<b>Here the region was led to {attitude_name(tree.groups.label_strings[r.group])} instead of "
-            f"{attitude_name(case.label)}.</b> Poses of all groups go on with what is left for them, so that the pose can still be right."
+            f"{attitude_name(case.label)}.</b> Poses of all groups go on with what is left for them, so that the pose "
+            "can still be right."
         )
     return f"<p>{' '.join(said)}</p>"
 
@@ -106,7 +113,7 @@ def way_to(r: Recognised, group: int) -> list[int]:
 
 def rule_table(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
     """Every determination rule of the group reached: its error, who uses it, and what it says of this region."""
-    tree, group = r.tree, r.group
+    tree, group = r.tree, r.wanted
     said = rule_preferences(r, rotations)
     rows = []
     for rule, error in zip(tree.determination.rules, tree.determination.error[group], strict=True):
@@ -118,10 +125,21 @@ def rule_table(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
         ])  # fmt: skip
     head = ["rule", "", "errs in", "paper", "this tree", "penalty, a [nat]", "penalty, b [nat]", "prefers"]
     note = (
-        f'<p class="muted">Errors in group {attitude_name(tree.groups.label_strings[group])}. Penalties: the least of the group\'s '
-        "appearances that lie nearer to rotation a or to b, after A1, A3 and A4; a difference under 1 nat decides nothing.</p>"
+        f'<p class="muted">Errors in group {attitude_name(tree.groups.label_strings[group])}. Penalties: the least of '
+        "the group's appearances that lie nearer to rotation a or to b, A1, A3 and A4 included; a difference under 1 nat "
+        f"decides nothing. {equal_words(said)}</p>"
     )
     return table(head, rows, numeric=(2, 5, 6, 7)) + note
+
+
+def equal_words(said: dict[str, tuple[float, float]]) -> str:
+    """Why the two rotations may fit alike, where they do."""
+    if any(abs(a - b) >= UNDECIDED for a, b in said.values()):
+        return ""
+    return (
+        "Here no rule tells the two apart: turned by half, the part looks nearly the same from another viewer direction "
+        "of the group, and what tells its ends apart (the slot, the hole) is not in the region."
+    )
 
 
 def mark(yes: bool) -> str:

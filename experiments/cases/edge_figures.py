@@ -21,7 +21,7 @@ def edge_figures(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
 
 def edge_figure(r: Recognised, rotation: Rotation, right: bool) -> str:
     """Edges under one supposed rotation."""
-    canvas = target_canvas(r)
+    canvas = target_canvas(r, 0.7)
     draw_edge_map(canvas, r)
     support = edges_found(r, rotation)
     f, edges = r.frame, rotation.model.edges
@@ -29,10 +29,10 @@ def edge_figure(r: Recognised, rotation: Rotation, right: bool) -> str:
         edges, f.T.astype(np.float32), f.centroid.astype(np.float32), f.alpha + rotation.turn, f.pitch, f.size
     )
     for area in search_areas(placed, f.centre_px.astype(np.float32)):
-        canvas.outline(in_image(r, area), AREAS, 1, dashed=True)
+        canvas.outline(in_image(r, area), AREAS, 2, dashed=True, rim=False)
     for edge, s in zip(placed.reshape(-1, 2, 2), support, strict=True):
         there = s >= FOUND
-        canvas.line(in_image(r, edge), EDGES if there else NOT_THERE, 4 if there else 1)
+        canvas.line(in_image(r, edge), EDGES if there else NOT_THERE, 4 if there else 2)
     for edge, s in zip(placed.reshape(-1, 2, 2), support, strict=True):
         canvas.label(in_image(r, edge).mean(axis=0), f"{s:.2f}", EDGES if s >= FOUND else NOT_THERE)
     legend = swatches([
@@ -41,8 +41,8 @@ def edge_figure(r: Recognised, rotation: Rotation, right: bool) -> str:
     ])  # fmt: skip
     title = f"{'8c' if r.case.number == 3 else '7c'} · Edges under rotation {rotation.name}"
     caption = (
-        f"Model: region of faces {rotation.model.faces}, {len(edges)} edges. Numbers: share of an edge along which the map "
-        f"has an edge of its direction; together, by length, <b>{number(mean_support(rotation, support), 2)}</b>. This "
+        f"Model: region of faces {rotation.model.faces}, {len(edges)} edges. Numbers: share of an edge along which the "
+        f"map has an edge of its direction; together, by length, <b>{number(mean_support(rotation, support), 2)}</b>. This "
         f"rotation is the {'right' if right else 'wrong'} one in truth."
     )
     return figure(image(canvas.picture, f"edges under rotation {rotation.name}"), title, caption, legend)

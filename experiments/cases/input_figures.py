@@ -11,7 +11,7 @@ from cases.recognised import Recognised
 from itree_jax.features.edges import edge_map, seen_by
 from itree_jax.report.markup import figure, image
 from itree_jax.report.palette import WHITE
-from itree_jax.report.scene_figures import depth_figure, needle_colour_figure, needle_line_figure
+from itree_jax.report.scene_figures import depth_figure, needle_colour_figure, needle_line_figure, region_figure
 from itree_jax.report.scene_pictures import Picture, innermost, scaled
 from itree_jax.sensing.noise_model import intensity_std
 
@@ -20,9 +20,9 @@ SHOWN_WIDTH = 960  # [px] of a whole scene
 
 
 def input_figures(r: Recognised) -> str:
-    return "".join([
-        scene_figure(r), edge_figure(r), needle_line_figure(r.view), needle_colour_figure(r.view), depth_figure(r.view),
-    ])  # fmt: skip
+    view = r.view
+    maps = needle_line_figure(view), needle_colour_figure(view), depth_figure(view), region_figure(view)
+    return "".join([scene_figure(r), edge_figure(r), *maps])
 
 
 def scene_figure(r: Recognised) -> str:

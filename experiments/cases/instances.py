@@ -40,7 +40,7 @@ class Tries:
 
 
 def fair_scene(case: Case, prepared: Prepared, seed: int, near: float | None = None) -> Tries:
-    """The first scene from `seed` on whose highest region is a fair instance. Raises RuntimeError after `MOST_TRIES`."""
+    """The first scene from `seed` on whose highest region is a fair instance; RuntimeError after `MOST_TRIES`."""
     group, reasons = group_labelled(prepared.tree, case.label), []
     for k in range(seed, seed + MOST_TRIES):
         measured = measure_scene(bin_with_target(prepared.tree, group, k, near))
@@ -80,11 +80,12 @@ def instance_table(case: Case, found: Sequence[Instance], reasons: Sequence[str]
     if not found:
         return '<p class="empty">No further instances were asked for (option --instances).</p>'
     groups, poses = sum(i.group_right for i in found), sum(i.pose_right for i in found)
-    left_out = ", ".join(f"{count} × {reason}" for reason, count in Counter(reasons).most_common())
+    left_out = ", ".join(f"{reason}: {count}" for reason, count in Counter(reasons).most_common())
     words = (
         f"<p>Attitudes at random anywhere in group {attitude_name(case.label)}, a new pile each time: of "
-        f"{count_of(len(found), 'fair instance')} the group was right in <b>{groups}</b> and the pose in <b>{poses}</b> "
-        f"(MSSD under {percent(RIGHT, 0)} of the diameter). {'Scenes left out as unfair: ' + left_out + '.' if left_out else ''}</p>"
+        f"{count_of(len(found), 'fair instance')} the group was right in <b>{groups}</b>, the pose in <b>{poses}</b> "
+        f"(MSSD under {percent(RIGHT, 0)} of the diameter). {f'Scenes left out as unfair ({left_out}).' if left_out else ''}"
+        "</p>"
     )
     rows = [
         [str(i.seed), attitude_name(i.group), yes(i.group_right), percent(i.probability, 0), yes(i.pose_right),

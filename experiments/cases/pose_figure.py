@@ -72,7 +72,8 @@ def error_table(r: Recognised) -> str:
     std_t = a.translation_std if a.translation_std is not None else np.full(3, np.nan)
     true_found = sum(k >= 0 for k in r.view.comparison.found) if r.view.comparison else 0
     rows = [
-        ["rotation error", f"{number(np.degrees(error.rotation), 3)}°", f"claimed ± {number(np.degrees(np.linalg.norm(std)), 3)}°"],
+        ["rotation error", f"{number(np.degrees(error.rotation), 3)}°",
+         f"claimed ± {number(np.degrees(np.linalg.norm(std)), 3)}°"],
         ["position error", f"{number(error.translation, 3)} mm", f"claimed ± {number(np.linalg.norm(std_t), 3)} mm"],
         ["largest displacement of a surface point (MSSD)", f"{number(error.mssd, 3)} mm",
          f"right under {number(RIGHT * r.tree.part.diameter, 1)} mm"],

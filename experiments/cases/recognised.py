@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from cases.case import Case, group_labelled
+from cases.case import BROTHERS_LABEL, Case, group_labelled
 from cases.highest_region import HIGHEST, Measured
 from cases.region_frame import RegionFrame
 from cases.work_models import RegionModel, region_models
@@ -73,8 +73,16 @@ class Recognised:
 
     @cached_property
     def models(self) -> tuple[RegionModel, ...]:
-        """Work models of the regions of the group's representative attitude."""
-        return region_models(self.interpretation.prepared.model.mesh, self.tree, self.group)
+        """Work models of the regions of the representative attitude of the case's group."""
+        return self.models_of(self.case.label)
+
+    @cached_property
+    def with_brother(self) -> tuple[RegionModel, ...]:
+        """Those of the attitude whose brother region rule L6 looks for."""
+        return self.models_of(BROTHERS_LABEL)
+
+    def models_of(self, label: str) -> tuple[RegionModel, ...]:
+        return region_models(self.interpretation.prepared.model.mesh, self.tree, group_labelled(self.tree, label))
 
     @cached_property
     def view(self) -> SceneView:
@@ -103,7 +111,7 @@ class Recognised:
 
 
 def group_walked_to(tree: InterpretationTree, margin: Float[np.ndarray, "nodes"]) -> int:
-    """The group at the end of the sides with positive margins; sides that hold nothing but pruned groups are not taken."""
+    """The group at the end of the sides with positive margins; a side of nothing but pruned groups is not taken."""
     kept = ~tree.groups.pruned
     members = kept.copy()
     node = next(iter(roots(tree)), None)
@@ -136,7 +144,8 @@ def highest_window(
     images = scene.images / sensor.light_intensities[:, None, None].astype(np.float32)
     edges = np.asarray(window_edges(extract_images(images, *at), sensor.noise))[0]
     window = Window(*(np.asarray(a)[0] for a in windows))
-    features, _ = region_features(found, measured.needle, scene.images, sensor, pitch, BESIDE_REACH * prepared.model.reach)
+    reach = BESIDE_REACH * prepared.model.reach
+    features, _ = region_features(found, measured.needle, scene.images, sensor, pitch, reach)
     normal = np.asarray(features.mean_normal)[HIGHEST]
     inertia = face_inertia(window)
     frame = RegionFrame(

@@ -8,10 +8,11 @@ from cases.canvas import Canvas, box_around, dimmed
 from cases.highest_region import HIGHEST, seen_alone
 from cases.recognised import Recognised
 from cases.two_rotations import best_brother, brother_misfits
-from itree_jax.features.relation import ACROSS, ALONG, FACING, MOST_MISFIT, OUT, SIZE
-from itree_jax.report.markup import figure, image, number, swatches, table
+from itree_jax.features.relation import ACROSS, ALONG, FACING, MOST_MISFIT, OUT, SIZE, THERE
+from itree_jax.report.markup import count_of, figure, image, number, swatches, table
 from itree_jax.report.palette import GREEN, ORANGE, SKY, WHITE, Rgb, css
 
+FIGURE = {1: "6a", 2: "7b", 3: "8b"}
 MEASURED, MODEL, BROTHER = ORANGE, SKY, GREEN
 
 
@@ -25,9 +26,11 @@ def corners(sides: tuple[float, float]) -> Float[np.ndarray, "4 2"]:
     return 0.5 * np.array([[a, b], [-a, b], [-a, -b], [a, -b]])
 
 
-def target_canvas(r: Recognised) -> Canvas:
+def target_canvas(r: Recognised, brightness: float = 1.0) -> Canvas:
+    """The target region large, the rest dim."""
     mask = r.measured.found.mask(HIGHEST)
-    return Canvas(dimmed(r.view.background, mask), box_around(mask))
+    background = (brightness * r.view.background).astype(np.uint8)
+    return Canvas(dimmed(background, mask), box_around(mask))
 
 
 def region_figure(r: Recognised) -> str:
@@ -45,10 +48,11 @@ def region_figure(r: Recognised) -> str:
     legend = swatches([(css(MEASURED), "this region"), (css(MODEL), "the model (broken line)")])
     caption = (
         f"On the face, seen {number(slant)}° from its mean normal: I_max {shown(float(inertia.I_max))} and I_min "
-        f"{shown(float(inertia.I_min))} mm⁴, a rectangle of {number(sides[0])} × {number(sides[1])} mm. The model's region of faces "
-        f"{model.faces}: {shown(model.I_max)} and {shown(model.I_min)} mm⁴, {number(model_sides[0])} × {number(model_sides[1])} mm."
+        f"{shown(float(inertia.I_min))} mm⁴, a rectangle of {number(sides[0])} by {number(sides[1])} mm. The model of "
+        f"{r.case.name}, region of faces {model.faces}: {shown(model.I_max)} and {shown(model.I_min)} mm⁴, "
+        f"{number(model_sides[0])} by {number(model_sides[1])} mm."
     )
-    title = f"{'6a' if r.case.number == 1 else '7b' if r.case.number == 2 else '8b'} · Target region and original face inertia"
+    title = f"{FIGURE[r.case.number]} · Target region and original face inertia"
     return figure(image(canvas.picture, "target region with its inertia square"), title, caption, legend)
 
 
@@ -60,12 +64,10 @@ def shown(moment: float) -> str:
 def brother_figure(r: Recognised, mesh: RayMesh) -> str:
     """The target region joined with the region that fits best as its brother, and the vector between them."""
     misfit = brother_misfits(r)
-    k = best_brother(r)
-    if not any(m.brothers[0].any() for m in r.models):
-        return figure(f'<p class="empty">Group {r.tree.groups.label_strings[r.group]} shows one region: no brother is '
-                      "looked for.</p>", "7b · Brother region")  # fmt: skip
+    k, beside = best_brother(r), int(r.features.brothers[:, THERE].sum())
     if misfit[k] >= MOST_MISFIT:
-        return figure('<p class="empty">No region beside the target looks like its brother.</p>', "7b · Brother region")
+        said = f"None of {count_of(beside, 'region')} beside the target looks like the brother that S2 would show."
+        return figure(f'<p class="empty">{said}</p>', "Brother region")
     other = region_of_brother(r, k)
     found = r.measured.found
     both = found.mask(HIGHEST) | found.mask(other)
@@ -79,8 +81,8 @@ def brother_figure(r: Recognised, mesh: RayMesh) -> str:
     share = float(np.mean(alone[found.mask(other)]))
     truth = "the same part" if share > 0.5 else "another part"
     caption = (
-        f"{relation_table(r, k)}They differ by {number(misfit[k])} sigma of the spread that L6 allows for. In truth the "
-        f"brother region shows {truth}."
+        f"{relation_table(r, k)}They differ by {number(misfit[k])} sigma of the spread that L6 allows for. In truth "
+        f"the brother region shows {truth}."
     )
     return figure(image(canvas.picture, "target and brother region"), "7b · Target region and brother region", caption)
 
@@ -98,7 +100,7 @@ def region_of_brother(r: Recognised, k: int) -> int:
 def relation_table(r: Recognised, k: int) -> str:
     """The relation vector, measured and of the representative attitude's regions under the half turn that fits."""
     rows = [relation_row("measured", r.features.brothers[k])]
-    for model in r.models:
+    for model in r.with_brother:
         b = model.brothers[0].copy()
         if b[:2] @ r.features.brothers[k][:2] < 0:
             b[:2] = -b[:2]

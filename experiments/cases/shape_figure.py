@@ -21,7 +21,7 @@ def shape_figure(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
     curves.append((outline, css(MEASURED), 'stroke-width="2.2"'))
     most = 1.08 * max(float(c.max()) for c, _, _ in curves)
     svg = (
-        f'<svg role="img" viewBox="0 0 {SIDE + WIDE + 20:.0f} {SIDE:.0f}" width="100%" style="max-width:820px">'
+        f'<svg role="img" viewBox="0 0 {SIDE + WIDE + 20:.0f} {SIDE:.0f}" width="100%" style="max-width:1000px">'
         f"<title>recovered face and d(theta)</title>{star(outline, curves, most)}{plot(curves, most)}</svg>"
     )
     legend = swatches([
@@ -32,8 +32,8 @@ def shape_figure(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
         f"{number(100.0 * relative_distance(outline, k.outline))} % (rotation {text(k.name)})" for k in rotations
     )
     caption = (
-        "Left: the face after T with its mass centre; the maximum inertia direction points right. Right: d(θ) from that "
-        f"direction. Root mean square distance from the representative attitude's: {distance} of the mean radius."
+        "Left: the face after T with its mass centre; the maximum inertia direction points right. Right: d(θ) from "
+        f"that direction. Root mean square distance from the representative attitude's: {distance} of the mean radius."
     )
     return figure(svg, "6b · Original face shape d(θ)", caption, legend)
 
@@ -64,7 +64,7 @@ def star(outline: Float[np.ndarray, "n"], curves: list, most: float) -> str:
 def plot(curves: list, most: float) -> str:
     """d over theta."""
     x0, y0 = SIDE + 20.0 + LEFT, HIGH
-    wide, high = WIDE - LEFT - 12.0, HIGH - 16.0
+    wide, high = WIDE - LEFT - 24.0, HIGH - 16.0
 
     def at(theta: float, d: float) -> tuple[float, float]:
         return x0 + theta / 360.0 * wide, y0 - d / most * high

@@ -1,6 +1,6 @@
 """The two rotations that A3 or A4 leave: which attitudes they are, and what the rules A5-A8 say between them.
 
-The inertia direction is known up to a half turn. Of an attitude with two regions, the highest may be either of them: the
+The inertia direction is known up to a half turn. Of an attitude with two regions, the highest may be either: the
 direction toward the brother (A3) leaves one half turn of each.
 """
 
@@ -77,7 +77,7 @@ def brother_misfits(r: Recognised) -> Float[np.ndarray, "most"]:
     """How many sigmas each region beside the target differs from the brother of the group's representative attitude."""
     seen = r.features.brothers
     misfit = np.full(len(seen), MOST_MISFIT)
-    for k, m in ((k, m) for k in np.flatnonzero(seen[:, THERE] > 0) for m in r.models):
+    for k, m in ((k, m) for k in np.flatnonzero(seen[:, THERE] > 0) for m in r.with_brother):
         expected = jnp.asarray(m.brothers[0], jnp.float32)
         misfit[k] = min(misfit[k], float(brother_misfit(jnp.asarray(seen[k]), expected, jnp.asarray(True))))
     return misfit
@@ -118,13 +118,13 @@ def mean_support(rotation: Rotation, support: Float[np.ndarray, "k"]) -> float:
 def rule_preferences(
     r: Recognised, rotations: tuple[Rotation, Rotation]
 ) -> dict[str, tuple[float, float]]:
-    """For each of A5-A8 the least penalty [nat] of the group's appearances near either rotation, A1, A3 and A4 included.
+    """Of A5-A8 the least penalty [nat] of the group's appearances near either rotation, A1, A3 and A4 included.
 
     This is what the tree compares: all its appearances, not the representative attitude alone.
     """
     tree = r.tree
     rows = appearance_arrays(tree.appearances, rules_used(tree.determination.steps))
-    rows = take_rows(rows, np.flatnonzero((np.asarray(rows.group) == r.group) & (np.asarray(rows.area) > 0)))
+    rows = take_rows(rows, np.flatnonzero((np.asarray(rows.group) == r.wanted) & (np.asarray(rows.area) > 0)))
     scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
     f = r.features
     seen = compare_shape(f, rows)
@@ -139,6 +139,10 @@ def rule_preferences(
     apart = [np.asarray(attitude_error(R, jnp.asarray(k.R_ray_obj, jnp.float32), turns, axes)) for k in rotations]
     nearer_a = apart[0] < apart[1]
     return {
-        name: tuple(float(np.where(near, left + np.asarray(penalty[name]), np.inf).min()) for near in (nearer_a, ~nearer_a))
+        name: (least(left + np.asarray(penalty[name]), nearer_a), least(left + np.asarray(penalty[name]), ~nearer_a))
         for name in ("A5", "A6", "A7", "A8")
     }
+
+
+def least(penalty: Float[np.ndarray, "rows turns"], where: np.ndarray) -> float:
+    return float(np.where(where, penalty, np.inf).min())
