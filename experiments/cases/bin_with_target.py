@@ -7,6 +7,7 @@ import trimesh
 from itree_kernels.inside import signed_distance
 from itree_kernels.mesh import RayMesh, ray_mesh
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.sensing.scene_writer import TrueObject
@@ -15,6 +16,7 @@ from itree_jax.simulate.imaging import image_bin
 from itree_jax.simulate.settle import settle
 from itree_jax.tree.dome import dome
 from itree_jax.tree.draws import random_attitudes
+from itree_jax.tree.representative import roll_rotation
 from itree_jax.tree.tree import InterpretationTree
 
 BELOW = 6  # parts dropped before: they cover the floor without piling up as high as the part on top
@@ -36,8 +38,10 @@ class CaseScene:
         return self.truth[-1]
 
 
-def bin_with_target(tree: InterpretationTree, group: int, seed: int) -> CaseScene:
+def bin_with_target(tree: InterpretationTree, group: int, seed: int, near: float | None = None) -> CaseScene:
     """Parts dropped by the physics engine, and one more of a random attitude of `group` lowered until it touches them.
+
+    `near` [rad]: no farther than this from the representative attitude, but for the rotation about the line of sight.
 
     The part on top need not lie in balance: the paper's bins show attitudes that the pile holds. Lambertian surfaces
     without light between the parts, the sensor's noise, depth with 0.3 mm of noise. Raises ItreeError if the physics
@@ -49,7 +53,7 @@ def bin_with_target(tree: InterpretationTree, group: int, seed: int) -> CaseScen
     drop_seed, image_seed = rng.integers(2**31, size=2).tolist()
     T_below = settle(part, BELOW, bin_, drop_seed)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
-    R_cam_obj = attitude_of_group(tree, group, rng)
+    R_cam_obj = attitude_of_group(tree, group, rng) if near is None else attitude_near(tree, group, near, rng)
     R_bin_obj = np.diag([1.0, -1.0, -1.0]) @ R_cam_obj  # the camera looks straight down
     place = rng.uniform(-OFF_CENTRE, OFF_CENTRE, 2)
     T_top = lowered(mesh, surface_points(part.vertices, part.triangles), R_bin_obj, place, T_below, bin_)
@@ -65,6 +69,16 @@ def attitude_of_group(tree: InterpretationTree, group: int, rng: np.random.Gener
     return R_cam_obj[0]
 
 
+def attitude_near(
+    tree: InterpretationTree, group: int, near: float, rng: np.random.Generator
+) -> Float[np.ndarray, "3 3"]:
+    """The representative attitude seen from a direction up to `near` [rad] away, turned at random."""
+    azimuth, tilt = rng.uniform(0.0, 2.0 * np.pi), near * np.sqrt(rng.uniform())
+    lean = Rotation.from_rotvec(tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])).as_matrix()
+    roll = roll_rotation(rng.uniform(0.0, 2.0 * np.pi, 1))[0]
+    return roll @ lean @ tree.groups.representative_rotations()[group]
+
+
 def surface_points(
     vertices: Float[np.ndarray, "vertices 3"], triangles: np.ndarray
 ) -> Float[np.ndarray, "points 3"]:
@@ -78,7 +92,7 @@ def lowered(
     mesh: RayMesh, points: Float[np.ndarray, "points 3"], R: Float[np.ndarray, "3 3"], place: Float[np.ndarray, "2"],
     T_below: Float[np.ndarray, "parts 4 4"], bin_: Bin,
 ) -> Float[np.ndarray, "4 4"]:
-    """T_bin_obj of a part of attitude R, let down over `place` (x, y) [mm] until it touches another one or the floor."""
+    """T_bin_obj of a part of attitude R, let down over `place` (x, y) [mm] until it touches another or the floor."""
     T = np.eye(4)
     T[:3, :3] = R
     T[:2, 3] = place - (R @ mesh.centre)[:2]

@@ -27,16 +27,17 @@ CASES = (
     Case(2, "3.3", "11000000", "S2", "11000001", "7", ("L1", "L6"), ("A1", "A3", "A7")),
     Case(3, "3.4", "11000001", "S4", "11000010", "8", ("L1", "L6", "L7"), ("A1", "A4", "A7")),
 )
+BROTHERS_LABEL = "11000000"  # of the cylinders seen as two regions
 ATTITUDE_NAMES = {"11100000": "S1", "11000000": "S2", "11000010": "S3", "11000001": "S4", "00001100": "S5"}
 
 
 def group_labelled(tree: InterpretationTree, label: str) -> int:
-    """Index of the attitude group. Raises ItreeError if the tree has none: it was compiled for another part or sensor."""
+    """Index of the attitude group. Raises ItreeError if the tree has none: it is of another part or sensor."""
     found = np.flatnonzero([label == other for other in tree.groups.label_strings])
     if len(found) == 0:
         raise ItreeError(
-            f"the tree of {tree.part.name!r} has no attitude group {label}, but {', '.join(tree.groups.label_strings)}: "
-            "the cases of the paper need its part; compile bundled:ikeuchi-1987 for bundled:bench with policy paper"
+            f"the tree of {tree.part.name!r} has no attitude group {label}, but "
+            f"{', '.join(tree.groups.label_strings)}: the cases of the paper need its part; compile bundled:ikeuchi-1987 for bundled:bench"
         )
     return int(found[0])
 
