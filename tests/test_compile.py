@@ -26,7 +26,7 @@ def paper() -> InterpretationTree:
 @pytest.fixture
 def quick(monkeypatch):
     """Compiles a box from 60 viewer directions at 2 rolls with 8 draws."""
-    monkeypatch.setattr(compiling, "APPEARANCE_VIEWS", 60)
+    monkeypatch.setattr(compiling, "APPEARANCE_FREQUENCY", 1)
     monkeypatch.setattr(compiling, "ROLLS", 2)
     return lambda **options: compile_tree(box_part(40, 30, 20), SENSOR, **({"draws": 8} | options))
 

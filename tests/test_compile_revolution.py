@@ -10,7 +10,7 @@ from itree_jax.sensing.bundled import bundled_sensor
 
 
 def test_halves_of_a_cylinder_are_one_face_of_the_tree(monkeypatch):
-    monkeypatch.setattr(compiling, "APPEARANCE_VIEWS", 60)
+    monkeypatch.setattr(compiling, "APPEARANCE_FREQUENCY", 1)
     monkeypatch.setattr(compiling, "ROLLS", 2)
     whole = cylinder_part(18.0, 50.0)
     half = whole.vertices[whole.triangles].mean(axis=1)[:, 1] > 0

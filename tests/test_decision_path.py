@@ -1,27 +1,32 @@
 """The path of an answer: from the root to its group without a gap, with margins toward the sides it took."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from itree_jax.decision_path import decision_path, path_to
+from itree_jax.decision_path import decision_path, determination_steps, path_to
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES
 from itree_jax.tree.classify import Classification
+from itree_jax.tree.freedom import freedom_along
+from itree_jax.tree.joining import tops
+from itree_jax.tree.node_quantities import node_quantities, side_samples
 from itree_jax.tree.tree import PRUNED, ROOT
 
 
 def said_of(tree, regions: int, seed: int) -> Classification:
     """What a classification could have said of some regions."""
     rng = np.random.default_rng(seed)
-    quantities = tuple(rng.normal(size=(regions, len(rule.quantity_names))) for rule in CLASSIFICATION_RULES)
+    count = tree.groups.group_count
+    quantities = tuple(rng.normal(size=(regions, len(rule.quantity_names) or count)) for rule in CLASSIFICATION_RULES)
     groups, nodes = len(tree.groups.label_strings), len(tree.nodes.branch)
     return Classification(np.zeros((regions, groups)), rng.normal(size=(regions, nodes)) * 5.0, quantities)
 
 
 def row_of(tree, group: int) -> int | None:
     """An appearance of the group."""
-    of_row = tree.groups.group_of_view[tree.appearances.view[tree.appearances.attitude]]
+    of_row = tree.appearances.group[tree.appearances.attitude]
     rows = np.flatnonzero(of_row == group)
     return int(rows[0]) if len(rows) else None
 
@@ -49,31 +54,87 @@ def test_nodes_lead_from_the_root_to_the_group(paper_tree):
     assert len(set(map(tuple, paths.values()))) > 1
 
 
+def with_rules(tree, rule: tuple[str, ...]):
+    """The same tree, its branches (B2 and B3 are pruned) decided by other rules."""
+    nodes = tree.nodes
+    assert [k for k, r in enumerate(nodes.rule) if r == PRUNED] == [k for k, r in enumerate(rule) if r == PRUNED]
+    return replace(tree, nodes=replace(nodes, rule=rule, joined=tops(nodes.parent, rule)))
+
+
+THE_PAPERS = ("L1", "L1", PRUNED, PRUNED, "L6", "L7")
+WITH_PAIRS = ("L1+L6", "L2", PRUNED, PRUNED, "L4+L7", "L5")
+
+
+@pytest.mark.parametrize("rules", [THE_PAPERS, WITH_PAIRS])
 @pytest.mark.parametrize("region", [0, 2])
-def test_every_step_says_what_was_measured_and_by_how_much_it_decided(paper_tree, region):
+def test_every_step_says_what_was_measured_and_by_how_much_it_decided(paper_tree, region, rules):
     """A margin is positive where the side taken was the likelier one."""
-    nodes, labels = paper_tree.nodes, paper_tree.groups.label_strings
-    said = said_of(paper_tree, 3, seed=0)
-    rule_of = {rule.name: k for k, rule in enumerate(CLASSIFICATION_RULES)}
+    tree = with_rules(paper_tree, rules)
+    nodes, labels = tree.nodes, tree.groups.label_strings
+    said = said_of(tree, 3, seed=0)
     signs = set()
-    for group in kept_groups(paper_tree):
-        path = decision_path(paper_tree, said, region, row_of(paper_tree, group))
-        steps = [step for step in path if step.rule in rule_of]
+    for group in kept_groups(tree):
+        path = decision_path(tree, said, region, row_of(tree, group))
+        steps = [step for step in path if step.rule[0] == "L"]
         assert list(path[: len(steps)]) == steps  # determination comes after classification
-        assert [s.node for s in steps] == [k for k in path_to(paper_tree, group) if nodes.rule[k] != PRUNED]
+        assert [s.node for s in steps] == [k for k in path_to(tree, group) if nodes.rule[k] != PRUNED]
         for step in steps:
-            k = rule_of[step.rule]
             assert step.rule == nodes.rule[step.node]
-            names = CLASSIFICATION_RULES[k].quantity_names
-            np.testing.assert_allclose([step.measured[n] for n in names], said.quantities[k][region], atol=1e-4)
+            asked = node_quantities(tree, step.node)
+            assert list(step.measured) == [q.name for q in asked]
+            expected = [said.quantities[q.rule][region, q.column] for q in asked]
+            np.testing.assert_allclose(list(step.measured.values()), expected, atol=1e-4)
             taken = step.compared_with["taken"]
             assert labels[group] in step.compared_with[taken]["groups"]
             other = {"visible": "hidden", "hidden": "visible"}[taken]
             assert labels[group] not in step.compared_with[other]["groups"]
+            for side, members in (("visible", nodes.visible), ("hidden", nodes.hidden)):
+                means = side_samples(tree, step.node, members[step.node]).mean(axis=0)
+                told = [step.compared_with[side][q.name] for q in asked]
+                np.testing.assert_allclose(told, means, atol=1e-4)
             toward_visible = said.node_margin[region, step.node]
             assert step.margin == pytest.approx(toward_visible if taken == "visible" else -toward_visible, abs=1e-3)
             signs.add((taken, step.margin > 0))
+            errors = [step.compared_with[f"error_{kind}"] for kind in ("whole", "cut")]
+            np.testing.assert_allclose(errors, nodes.whole_and_cut[step.node], atol=1e-4)
     assert len(signs) > 2  # either side, and with either sign, occurred
+
+
+def test_a_branch_that_is_joined_says_with_which(paper_tree):
+    tree = with_rules(paper_tree, THE_PAPERS)
+    said = said_of(tree, 1, seed=3)
+    joined = {
+        step.node: step.compared_with.get("joined_with")
+        for group in kept_groups(tree) for step in decision_path(tree, said, 0, row_of(tree, group))
+        if step.rule[0] == "L"
+    }  # fmt: skip
+    assert joined == {0: None, 1: "B0", 4: None, 5: None}
+
+
+def test_determination_says_what_freedom_each_step_takes_and_what_is_left_to_refinement(paper_tree):
+    groups, count = paper_tree.groups, paper_tree.groups.group_count
+    chains = [(), ("A1", "A4", "A5"), ("A1", "A3", "A7"), ("A1", "A4"), ("A1",), ("A2",), ()]
+    left = np.array([0, 1, 1, 2, 0, 1, 0], np.int32)
+    assert count == len(chains)
+    separable = np.zeros((count, count), np.float32)
+    separable[1, 2] = separable[2, 1] = 0.4
+    tree = replace(
+        paper_tree, determination=replace(paper_tree.determination, steps=tuple(chains), rotations_left=left),
+        confusion=replace(paper_tree.confusion, pair_error=separable),
+    )  # fmt: skip
+    for g in range(count):
+        steps = determination_steps(tree, g)
+        asks = left[g] != 1 or g in (1, 2)
+        assert tuple(s.rule for s in steps) == (*chains[g], *(("refinement",) if asks else ()))
+        freedom = [str(f) for f in freedom_along(chains[g])]
+        assert [s.freedom_before for s in steps] == (freedom if asks else freedom[:-1])
+        assert [s.freedom_after for s in steps] == [*freedom[1:], *(["unique"] if asks else [])]
+        for step in steps[: len(chains[g])]:
+            error = tree.determination.error[g, tree.determination.rules.index(step.rule)]
+            np.testing.assert_allclose(step.compared_with["error_rate"], error, atol=1e-4)
+        if asks:
+            others = {1: [groups.label_strings[2]], 2: [groups.label_strings[1]]}.get(g)
+            assert steps[-1].compared_with.get("alternatives") == others
 
 
 def test_freedom_falls_along_the_path(paper_tree):
@@ -81,7 +142,7 @@ def test_freedom_falls_along_the_path(paper_tree):
     said = said_of(paper_tree, 1, seed=1)
     for group in kept_groups(paper_tree):
         path = decision_path(paper_tree, said, 0, row_of(paper_tree, group))
-        steps = [step for step in path if step.freedom_before.split()[0].isdigit()]
+        steps = [step for step in path if step.rule[0] == "L"]
         left = [int(step.freedom_before.split()[0]) for step in steps]
         after = [int(step.freedom_after.split()[0]) for step in steps]
         assert all(a < b for a, b in zip(after, left, strict=True))

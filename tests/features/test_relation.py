@@ -63,9 +63,12 @@ def test_the_vector_between_two_rectangles_of_a_tilted_plane_is_theirs():
 def test_it_is_so_for_regions_measured_in_an_image(make_face_window):
     """Window by window: mean normals, inertia directions and areas are the features' own."""
     p, q = 0.4, -0.3
-    small = (lambda x, y: (np.abs(x - APART[0]) < 8) & (np.abs(y - APART[1]) < 3))
-    large = (lambda x, y: (np.abs(x) < 12) & (np.abs(y) < 4))
-    seen = [measure(make_face_window(shape, p, q, pitch=0.5, size=128)) for shape in (large, small)]
+    large, small = ((0.0, 0.0, 12.0, 4.0), (*APART, 8.0, 3.0))  # middle and half sides [mm]
+    seen = [
+        measure(make_face_window(
+            lambda x, y, s=s: (np.abs(x - s[0]) < s[2]) & (np.abs(y - s[1]) < s[3]), p, q, pitch=0.5, size=128
+        )) for s in (large, small)
+    ]  # fmt: skip
     centroid = np.array([f.inertia.centroid for f in seen])
     centre = np.column_stack([centroid, centroid @ [p, q]])
     normal, alpha = np.array([f.mean_normal for f in seen]), np.array([f.inertia.alpha for f in seen])

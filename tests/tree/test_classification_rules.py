@@ -1,4 +1,4 @@
-"""L1-L7: closed forms, what neither rotation nor mirror changes, and what tells a chiral region from its mirror image."""
+"""L1-L7: closed forms, what neither rotation nor mirror changes, what tells a chiral region from its mirror image."""
 
 import jax
 import jax.numpy as jnp

@@ -1,15 +1,19 @@
 """Classification at run time: a distribution over the kept groups that is the product along the path."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.tree.classification_rules import RULE_NAMES, log_likelihoods
-from itree_jax.tree.classify import CUT_REGION_ERROR, PRUNED_PRIOR, classification_arrays, classify
+from itree_jax.tree.classification_rules import PAIR, RULE_NAMES, log_likelihoods
+from itree_jax.tree.classify import LEAST_ERROR, PRUNED_PRIOR, classification_arrays, classify
 from itree_jax.tree.dome import dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
+from itree_jax.tree.error_rates import side_margin
+from itree_jax.tree.joining import tops
 from itree_jax.tree.tree import PRUNED
 
 
@@ -42,43 +46,95 @@ def test_probabilities_of_the_kept_groups_sum_to_one(answer, paper_tree):
     np.testing.assert_allclose(probability[:, ~kept], PRUNED_PRIOR, rtol=1e-5)
 
 
+def decisions_of(tree) -> list[tuple[str, float, np.ndarray]]:
+    """Rule, believed error and sides of every many-way node, from the branches themselves."""
+    nodes, kept = tree.nodes, ~tree.groups.pruned
+    found = []
+    for top in sorted({int(t) for t, rule in zip(nodes.joined, nodes.rule, strict=True) if rule != PRUNED}):
+        paths = {}
+        for g in np.flatnonzero(kept & (nodes.visible[top] | nodes.hidden[top])):
+            member = [k for k in range(len(nodes.branch)) if nodes.joined[k] == top]
+            paths[g] = tuple(0 if nodes.visible[k, g] else 1 if nodes.hidden[k, g] else 2 for k in member)
+        order = sorted(set(paths.values()))
+        side = np.full(len(kept), -1)
+        for g, path in paths.items():
+            side[g] = order.index(path)
+        error = min(max(float(nodes.joined_error[top].mean()), LEAST_ERROR), 1.0 - 1.0 / len(order))
+        found.append((nodes.rule[top], error, side))
+    return found
+
+
+def classification_twin(tree, likelihood: np.ndarray) -> np.ndarray:
+    """Probabilities of the groups from log-likelihoods [rules, groups], node by node."""
+    kept = ~tree.groups.pruned
+    prior = np.where(kept, tree.groups.view_count, 0) / tree.groups.view_count[kept].sum()
+    product = np.where(kept, 1.0, 0.0)
+    for rule, error, side in decisions_of(tree):
+        weight = prior * np.exp(likelihood[[RULE_NAMES.index(r) for r in rule.split(PAIR)]].sum(axis=0))
+        p = np.array([weight[side == s].sum() for s in range(side.max() + 1)])
+        p = p / p.sum()
+        # a wrong answer is any other side's alike
+        believed = (1 - error) * p + error * (1 - p) / (len(p) - 1)
+        product *= np.where(side >= 0, believed[side], 1.0)
+    return product[kept] / product[kept].sum()
+
+
+def likelihoods(answer, arrays) -> np.ndarray:
+    return np.asarray(log_likelihoods(answer.quantities, arrays.samples, arrays.bandwidth, arrays.prior), float)
+
+
 def test_a_group_has_the_product_of_what_its_path_gave_it(answer, arrays, paper_tree):
-    """The twin walks from the root to every leaf, node by node."""
+    likelihood = likelihoods(answer, arrays)
+    kept = ~paper_tree.groups.pruned
+    for region in range(0, likelihood.shape[1], 7):
+        expected = classification_twin(paper_tree, likelihood[:, region])
+        np.testing.assert_allclose(np.exp(answer.group_log_probability[region])[kept], expected, rtol=2e-3)
+
+
+def test_a_margin_is_that_of_the_branchs_own_rule(answer, arrays, paper_tree):
     nodes, kept = paper_tree.nodes, ~paper_tree.groups.pruned
-    likelihood = np.asarray(log_likelihoods(answer.quantities, arrays.samples, arrays.bandwidth), float)
-    prior = np.where(kept, paper_tree.groups.view_count, 0) / paper_tree.groups.view_count[kept].sum()
-    for region in range(0, likelihood.shape[1], 13):
-        product = np.where(kept, 1.0, 0.0)
-        for k, rule in enumerate(nodes.rule):
-            if rule == PRUNED:
-                continue
-            weight = prior * np.exp(likelihood[RULE_NAMES.index(rule), region])
-            p = weight[nodes.visible[k]].sum() / weight[nodes.visible[k] | nodes.hidden[k]].sum()
-            error = min(max(float(nodes.error[k]), CUT_REGION_ERROR), 0.5)
-            believed = (1 - error) * p + error * (1 - p)
-            product *= np.where(nodes.visible[k], believed, np.where(nodes.hidden[k], 1 - believed, 1.0))
-            assert answer.node_margin[region, k] == pytest.approx(np.log(p / (1 - p)), abs=2e-3)
-        expected = product[kept] / product[kept].sum()
-        np.testing.assert_allclose(np.exp(answer.group_log_probability[region])[kept], expected, rtol=1e-3)
+    likelihood, prior = likelihoods(answer, arrays), np.asarray(arrays.prior, float)
+    for k in np.flatnonzero([rule != PRUNED for rule in nodes.rule]):
+        said = likelihood[[RULE_NAMES.index(r) for r in nodes.rule[k].split(PAIR)]].sum(axis=0)
+        margin = side_margin(said, prior, nodes.visible[k] & kept, nodes.hidden[k] & kept)
+        np.testing.assert_allclose(answer.node_margin[:, k], margin, atol=5e-3)
 
 
-def test_rules_that_err_as_often_as_not_divide_every_node_in_halves(arrays, draws, paper_tree):
-    useless = classify(draws.features, arrays._replace(error=jnp.full_like(arrays.error, 0.5)))
-    decided = np.array([rule != PRUNED for rule in paper_tree.nodes.rule])
-    depth = (paper_tree.nodes.visible | paper_tree.nodes.hidden)[decided].sum(axis=0)
+def test_nodes_joined_and_pairs_of_rules_are_walked_too(paper_tree, draws):
+    """One three-way node of a pair, then single rules."""
+    nodes = paper_tree.nodes
+    rule = tuple(r if r == PRUNED else "L1+L4" if k < 2 else "L3" for k, r in enumerate(nodes.rule))
+    joined = tops(nodes.parent, rule)
+    assert joined[1] == 0
+    error = np.where(joined[:, None] == np.arange(len(rule))[:, None], 0.2, 0.0).astype(np.float32).repeat(2, axis=1)
+    tree = replace(paper_tree, nodes=replace(nodes, rule=rule, joined=joined, joined_error=error))
+    arrays = classification_arrays(tree)
+    assert int(arrays.side.shape[1]) >= 3
+    answer = classify(draws.features, arrays)
+    likelihood, kept = likelihoods(answer, arrays), ~tree.groups.pruned
+    for region in range(0, likelihood.shape[1], 11):
+        expected = classification_twin(tree, likelihood[:, region])
+        np.testing.assert_allclose(np.exp(answer.group_log_probability[region])[kept], expected, rtol=2e-3)
+
+
+def test_rules_that_always_err_divide_every_node_evenly(arrays, draws, paper_tree):
+    useless = classify(draws.features, arrays._replace(error=jnp.ones_like(arrays.error)))
     kept = ~paper_tree.groups.pruned
-    expected = 0.5 ** depth[kept] / np.sum(0.5 ** depth[kept])
+    expected = np.ones(kept.sum())
+    for _, _, side in decisions_of(paper_tree):
+        expected *= np.where(side >= 0, 1.0 / (side.max() + 1), 1.0)[kept]
     probability = np.exp(np.asarray(useless.group_log_probability))[:, kept]
-    np.testing.assert_allclose(probability, np.tile(expected, (len(probability), 1)), rtol=1e-5)
+    np.testing.assert_allclose(probability, np.tile(expected / expected.sum(), (len(probability), 1)), rtol=1e-5)
 
 
-def test_no_node_is_believed_further_than_cut_regions_allow(answer, paper_tree):
+def test_no_node_is_believed_further_than_the_light_of_a_bin_allows(answer, paper_tree):
     """No group falls under the product of the least error rates of its nodes, whatever was measured."""
-    decided = np.array([rule != PRUNED for rule in paper_tree.nodes.rule])
-    depth = (paper_tree.nodes.visible | paper_tree.nodes.hidden)[decided].sum(axis=0)
     kept = ~paper_tree.groups.pruned
+    least = np.ones(len(kept))
+    for _, _, side in decisions_of(paper_tree):
+        least *= np.where(side >= 0, LEAST_ERROR / max(side.max(), 1), 1.0)
     probability = np.exp(np.asarray(answer.group_log_probability))
-    assert (probability >= 0.999 * CUT_REGION_ERROR**depth)[:, kept].all()
+    assert (probability >= 0.999 * least)[:, kept].all()
 
 
 def test_a_pruned_node_says_nothing(answer, paper_tree):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from itree_jax.tree.confusion import AMBIGUOUS
 from itree_jax.tree.describe import describe, leaf_node
 from itree_jax.tree.describe_text import as_text
 from itree_jax.tree.tree import PRUNED
@@ -50,13 +51,30 @@ def test_every_node_divides_one_side_of_its_parent(facts):
 
 
 def test_a_chosen_rule_has_its_measured_error(facts, paper_tree):
-    for node, rate in zip(facts["nodes"], paper_tree.nodes.error, strict=True):
+    """On whole and on cut regions; a policy that expects either goes by their mean."""
+    assert paper_tree.policy == "measured"
+    for k, node in enumerate(facts["nodes"]):
         if node["rule"] == PRUNED:
-            assert set(node["rule_errors"].values()) == {None}
-        else:
-            assert node["error_rate"] == node["rule_errors"][node["rule"]] == float(rate)
-            low, high = node["error_interval"]
-            assert low <= node["error_rate"] <= high
+            assert all(value is None for rates in node["rule_errors"].values() for value in rates.values())
+            continue
+        by_kind = node["error_by_kind"]
+        if node["rule"] in node["rule_errors"]:
+            assert by_kind == node["rule_errors"][node["rule"]]
+        assert node["error_rate"] == pytest.approx((by_kind["whole"] + by_kind["cut"]) / 2, abs=1e-6)
+        assert node["error_rate"] == float(paper_tree.nodes.error[k])
+        low, high = node["error_interval"]
+        assert low <= node["error_rate"] <= high
+        top = facts["nodes"][node["joined_to"]]
+        assert top["rule"] == node["rule"]
+        assert node["joined_error"] == top["joined_error"]
+
+
+def test_the_whole_trees_error_is_that_of_its_groups_by_their_views(facts):
+    kept = {g["label"]: g["view_count"] for g in facts["groups"] if not g["pruned"]}
+    assert set(facts["expected_error"]["groups"]) == set(kept)
+    for kind in ("whole", "cut"):
+        mean = sum(n * facts["expected_error"]["groups"][label][kind] for label, n in kept.items()) / sum(kept.values())
+        assert facts["expected_error"][kind] == pytest.approx(mean, abs=1e-5)
 
 
 def test_leaves_are_the_groups_that_are_kept_each_below_its_last_node(facts, paper_tree):
@@ -76,26 +94,40 @@ def test_faces_are_in_area_order_and_digits_name_the_identifying_ones(facts, pap
     assert named == facts["identifying_faces"] == paper_tree.groups.identifying_faces.tolist()
 
 
-def test_ambiguities_are_rules_that_err_in_a_quarter_and_open_rotations(paper_tree):
-    count = len(paper_tree.nodes.branch)
-    error = np.array([0.2501 if rule != PRUNED else 0.9 for rule in paper_tree.nodes.rule], np.float32)
-    error[0] = 0.25
+def test_ambiguities_are_groups_that_no_rule_tells_apart_and_open_rotations(paper_tree):
+    groups = paper_tree.groups
+    error = np.zeros_like(paper_tree.confusion.pair_error)
+    error[1, 2] = error[2, 1] = AMBIGUOUS + 0.01
+    error[0, 3] = error[3, 0] = AMBIGUOUS
     left = np.array([1, 2, 0, 1, 0, 1, 0], np.int32)
     tree = replace(
-        paper_tree, nodes=replace(paper_tree.nodes, error=error),
+        paper_tree, confusion=replace(paper_tree.confusion, pair_error=error),
         determination=replace(paper_tree.determination, rotations_left=left),
     )  # fmt: skip
     found = describe(tree)["ambiguities"]
-    nodes = [a["node"] for a in found if a["kind"] == "groups"]
-    assert nodes == [k for k in range(1, count) if paper_tree.nodes.rule[k] != PRUNED]
+    (pair,) = [a for a in found if a["kind"] == "groups"]
+    assert pair["groups"] == [groups.label_strings[1], groups.label_strings[2]]
+    assert pair["views"] == groups.representative_view[[1, 2]].tolist()
+    assert pair["error_rate"] == pytest.approx(AMBIGUOUS + 0.01)
     rotations = {a["group"]: a["rotations_left"] for a in found if a["kind"] == "rotation"}
     assert rotations == {"11000010": 2, "11000001": 0}  # the pruned groups 4 and 6 are no leaves
     sure = replace(
-        tree, nodes=replace(tree.nodes, error=np.zeros(count, np.float32)),
+        tree, confusion=replace(tree.confusion, pair_error=np.zeros_like(error)),
         determination=replace(tree.determination, rotations_left=np.ones(7, np.int32)),
     )  # fmt: skip
     assert describe(sure)["ambiguities"] == []
     assert "No ambiguities" in text_of(sure)
+
+
+def test_work_models_are_those_of_the_leaf(facts, paper_tree):
+    for leaf in facts["leaves"]:
+        model = paper_tree.leaf_models[paper_tree.groups.label_strings.index(leaf["group"])]
+        told = leaf["work_models"]
+        assert told["area_mm2"] == pytest.approx(model.area)
+        assert len(told["edges"]) == len(model.edges)
+        assert [a["surface_mm2"] for a in told["characteristic_areas"]] == pytest.approx(model.area_surface.tolist())
+        assert len(told["brothers"]) == int((model.brothers[:, 5] > 0).sum())
+        assert sum(told["surface_characteristics"].values()) <= 1.0 + 1e-5
 
 
 def text_of(tree) -> str:

@@ -13,19 +13,30 @@ from hypothesis import strategies as st
 from itree_cad.symmetry import rotation
 from scipy.spatial.transform import Rotation
 
+from itree_jax.features.polar import ANGLES, RADII
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
-from itree_jax.tree.appearances import appearances
+from itree_jax.features.relation import BROTHER_FIELDS, MOST_BROTHERS
+from itree_jax.tree.appearances import STORED_BROTHERS, appearances
 from itree_jax.tree.determination import appearance_arrays, attitude_error
 from itree_jax.tree.determination_rules import (
+    DETERMINATION_RULE_NAMES,
+    DETERMINATION_RULES,
+    MOST_PENALTY,
     DeterminationScales,
     about_normal,
+    bounded,
+    compare_maps,
     compare_shape,
     egi_candidates,
     egi_elsewhere,
+    map_penalty,
+    mass_centre_penalty,
     outline_distance,
+    relation_penalty,
     shape_candidates,
     shortest_turn,
+    take_rows,
     within_roll,
     wrapped,
 )
@@ -231,3 +242,137 @@ def test_the_prior_of_groups_decides_between_like_appearances(gem_table, as_feat
         prior = jnp.where(jnp.arange(2) == wanted, 0.0, -jnp.inf)
         found = find(features, rows, prior, SCALES)
         assert (np.asarray(rows.group)[found.row] == wanted).all()
+
+
+# A3 and A6-A8: what stands beside a region and what lies on it turn with it.
+
+
+def test_rules_are_a1_to_a8_and_all_that_turn_have_a_penalty(rows, rolled):
+    assert DETERMINATION_RULE_NAMES == ("A1", "A2", "A3", "A4", "A5", "A6", "A7", "A8")
+    fixed = {rule.name: rule.fixes for rule in DETERMINATION_RULES}
+    assert fixed["A1"] == "direction"
+    assert fixed["A2"] == "attitude"
+    assert fixed["A3"] == fixed["A4"] == "two rotations"
+    assert {fixed[name] for name in ("A5", "A6", "A7", "A8")} == {"rotation"}
+    for rule in DETERMINATION_RULES:
+        assert rule.cost >= 1.0
+        assert (rule.penalty is None) == (rule.name in ("A1", "A2"))
+        if rule.penalty is not None:
+            penalty = np.asarray(jax.jit(rule.penalty)(rolled.features[0], rows, SCALES))
+            assert penalty.shape == rows.outline.shape
+            assert (penalty >= 0.0).all()
+            assert (penalty <= 2.0 * MOST_PENALTY + 1e-5).all()  # nothing outweighs everything else
+
+
+def beside(angle: float, distance: float = 40.0) -> np.ndarray:
+    """A brother in this direction [rad] of the face, from the maximum inertia direction."""
+    return np.float32([distance * np.cos(angle), distance * np.sin(angle), 0.0, 2.0, 1.0, 1.0])
+
+
+def with_brother(features: RegionFeatures, *angles: float) -> RegionFeatures:
+    brothers = np.zeros((MOST_BROTHERS, BROTHER_FIELDS), np.float32)
+    for row, angle in zip(brothers, angles, strict=False):
+        row[:] = beside(angle)
+    return features._replace(brothers=brothers)
+
+
+def stored_beside(rows, *angles: float):
+    """The appearances, each with a brother in every one of these directions."""
+    brothers = np.zeros((len(rows.area), STORED_BROTHERS, BROTHER_FIELDS), np.float32)
+    for k, angle in enumerate(angles):
+        brothers[:, k] = beside(angle)
+    return rows._replace(brothers=jnp.asarray(brothers))
+
+
+@pytest.mark.parametrize("k", [0, 5, 32, 50])
+def test_a_brother_that_has_turned_turns_a3s_least_penalty(rows, rolled, k):
+    turned = with_brother(rolled.features[0], 0.7 + 2 * np.pi * k / 64)
+    penalty = np.asarray(jax.jit(relation_penalty)(turned, stored_beside(rows, 0.7), SCALES))
+    np.testing.assert_array_equal(penalty.argmin(axis=1), k)
+    np.testing.assert_allclose(penalty[:, k], 0.0, atol=1e-4)
+    away = 2 * np.pi / 64 / float(SCALES.relation)
+    np.testing.assert_allclose(penalty[:, (k + 1) % 64], min(0.5 * away**2, MOST_PENALTY), rtol=1e-3)
+
+
+def test_of_two_brothers_the_one_that_fits_is_looked_at(rows, rolled):
+    seen = with_brother(rolled.features[0], 0.5, 2.0)
+    penalty = np.asarray(relation_penalty(seen, stored_beside(rows, 2.0 - 2 * np.pi * 4 / 64), SCALES))
+    np.testing.assert_array_equal(penalty.argmin(axis=1), 4)
+    np.testing.assert_allclose(penalty[:, 4], 0.0, atol=1e-4)
+
+
+def test_without_a_brother_on_either_side_a3_says_nothing(rows, rolled):
+    alone, with_one = with_brother(rolled.features[0]), with_brother(rolled.features[0], 0.5)
+    for features, table in ((alone, stored_beside(rows, 0.5)), (with_one, stored_beside(rows))):
+        np.testing.assert_array_equal(relation_penalty(features, table, SCALES), 0.0)
+
+
+@pytest.fixture(scope="module")
+def patterned(rows):
+    """Twenty appearances with maps that are like nothing else and nothing like themselves turned."""
+    rng = np.random.default_rng(0)
+    some = take_rows(rows, jnp.arange(20))
+    edges, kinds = (rng.exponential(1.0, (20, RADII, ANGLES, c)) ** 3 for c in (3, 5))
+    return some._replace(edge_map=jnp.asarray(edges, jnp.float16), characteristic_map=jnp.asarray(kinds, jnp.float16))
+
+
+def turned_maps(features: RegionFeatures, row: int, patterned, edges: int, kinds: int) -> RegionFeatures:
+    """A region with the maps of an appearance, each turned by so many cells."""
+    return features._replace(
+        edge_map=np.roll(np.asarray(patterned.edge_map[row], np.float32), edges, axis=1),
+        characteristic_map=np.roll(np.asarray(patterned.characteristic_map[row], np.float32), kinds, axis=1),
+    )
+
+
+@pytest.mark.parametrize("cells", [0, 3, 17])
+def test_maps_that_have_turned_turn_the_least_penalty_of_a6_a7_and_a8(patterned, rolled, cells):
+    seen = turned_maps(rolled.features[0], 7, patterned, cells, cells)
+    for name in ("A6", "A7", "A8"):
+        rule = DETERMINATION_RULES[DETERMINATION_RULE_NAMES.index(name)]
+        penalty = np.asarray(jax.jit(rule.penalty)(seen, patterned, SCALES))
+        row, turn = np.unravel_index(penalty.argmin(), penalty.shape)
+        assert (row, turn) == (7, cells * 64 // ANGLES)
+        assert penalty[row, turn] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a8_asks_for_edges_where_the_characteristics_are_right(patterned, rolled):
+    """Both turned, but not by the same: each finds its own turn, together they find none."""
+    maps = compare_maps(turned_maps(rolled.features[0], 7, patterned, 3, 11), patterned)
+    assert int(maps.edges[7].argmin()) == 6
+    assert int(maps.characteristic[7].argmin()) == 22
+    assert float(maps.both[7].min()) > 0.3
+    for disagreement in maps:
+        assert ((disagreement > -1e-5) & (disagreement < 1 + 1e-5)).all()
+
+
+def test_between_the_cells_of_a_map_agreement_is_interpolated(patterned, rolled):
+    maps = compare_maps(turned_maps(rolled.features[0], 7, patterned, 2, 2), patterned)
+    for m in maps[:2]:
+        np.testing.assert_allclose(m[:, 1::2], (m[:, ::2] + np.roll(m, -1, axis=1)[:, 1::2]) / 2.0, atol=1e-5)
+
+
+def test_maps_and_brothers_count_where_the_groups_steps_use_them(patterned, rolled):
+    seen = with_brother(turned_maps(rolled.features[0], 7, patterned, 3, 3), 0.7)
+    table, at = stored_beside(patterned, 0.7), jnp.full(20, 12)
+    maps = compare_maps(seen, table)
+    expected = {
+        "A3": relation_penalty(seen, table, SCALES), "A6": bounded(maps.characteristic / SCALES.characteristic),
+        "A7": bounded(maps.edges / SCALES.edges), "A8": bounded(maps.both / SCALES.both),
+    }  # fmt: skip
+    for k, name in enumerate(DETERMINATION_RULE_NAMES):
+        found = map_penalty(seen, table._replace(uses=jnp.eye(8)[k][None]), SCALES, at)
+        wanted = np.asarray(expected[name])[:, 12] if name in expected else np.zeros(20)
+        np.testing.assert_allclose(found, wanted, atol=1e-5, err_msg=name)
+    every = map_penalty(seen, table._replace(uses=jnp.ones((1, 8))), SCALES, at)
+    np.testing.assert_allclose(every, sum(np.asarray(p)[:, 12] for p in expected.values()), atol=1e-4)
+
+
+def test_the_length_of_the_mass_centre_is_a1s_too(rows, gem_table, as_features):
+    """A plane's is 1 and a curved surface's less: looking the same way, they differ."""
+    features = as_features(gem_table, 7)
+    seen = compare_shape(features, rows)
+    np.testing.assert_allclose(mass_centre_penalty(seen, SCALES)[7], 0.0, atol=1e-3)
+    flatter = features._replace(mass_centre=features.mean_normal)
+    shorter = float(np.linalg.norm(features.mass_centre))
+    expected = min(0.5 * ((1 - shorter) / float(SCALES.concentration)) ** 2, MOST_PENALTY)
+    np.testing.assert_allclose(mass_centre_penalty(compare_shape(flatter, rows), SCALES)[7], expected, rtol=0.05)

@@ -192,8 +192,8 @@ def test_a_neighbour_lies_as_far_away_as_parts_that_touch_or_less(views, gem, se
     y, x = np.mgrid[:size, :size] - (size - 1) / 2
     disc = np.broadcast_to(np.hypot(x, y) < radius, (8, size, size))
     depth = np.where(disc, GROUND, FAR).astype(np.float32)
-    flat = Views(disc, depth, np.zeros((8, size, size, 3), np.float32), np.broadcast_to(disc[:, None], (8, 3, size, size)),
-                 disc)  # fmt: skip
+    lit = np.broadcast_to(disc[:, None], (8, 3, size, size))
+    flat = Views(disc, depth, np.zeros((8, size, size, 3), np.float32), lit, disc)
     seen = with_others(flat, gem, sensor)
     for k in range(8):
         if (seen.there[k] & ~seen.own[k] & disc[k]).any():

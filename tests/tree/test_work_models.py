@@ -163,4 +163,5 @@ def test_where_things_lie_must_agree_at_one_turn_for_both(region):
     # an inertia direction leaves no turn by a quarter open
     known = groups._replace(unique=jnp.ones_like(groups.unique))
     assert float(edge_characteristic_agreement(together, known)[0]) < 0.8
-    assert float(edge_characteristic_agreement(plain._replace(edge_map=edges, characteristic_map=kinds), known)[0]) > 0.999
+    unturned = plain._replace(edge_map=edges, characteristic_map=kinds)
+    assert float(edge_characteristic_agreement(unturned, known)[0]) > 0.999
