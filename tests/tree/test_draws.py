@@ -73,9 +73,7 @@ def test_without_noise_the_needles_come_back_and_the_slant_limit_cuts(sensor):
 def test_draws_are_measured_as_the_sensor_sees_them(gem, sensor):
     """Lights on the axis tell no normal, so these are the paper's: a convex solid has no cast shadow."""
     R, group = random_attitudes(dome(1).triangles, np.zeros(60, int), 40, rng(1))
-    noisy, quiet = (
-        noisy_draws(gem, s, R, group, rng(2)) for s in (sensor, dataclasses.replace(sensor, noise=QUIET))
-    )
+    noisy, quiet = (noisy_draws(gem, s, R, group, rng(2)) for s in (sensor, dataclasses.replace(sensor, noise=QUIET)))
     for draws in (noisy, quiet):
         assert len(draws.group) + draws.empty == 40
         assert len(draws.features.area) == len(draws.R_cam_obj) == len(draws.group)
