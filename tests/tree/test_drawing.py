@@ -1,4 +1,4 @@
-"""Figures 3 and 4: every branch and group of the tree is in the drawing once, and the sides are those of the branches."""
+"""Figures 3 and 4: every branch and group of the tree is drawn once, and the sides are those of the branches."""
 
 import numpy as np
 import pytest
