@@ -6,6 +6,7 @@ Table of contents. Names are imported when they are first used, so that `import 
 |---|---|
 | load a CAD model, a sensor, a scene | `load_part`, `load_sensor`, `load_scene` |
 | compile an interpretation tree, keep it | `compile_tree`, `save_tree`, `load_tree` |
+| tell several parts apart | `compile_forest`, `Forest` |
 | recognise parts in images | `prepare`, `recognize` |
 | the stages on their own | `photometric_stereo`, `regions`, `classify`, `determine`, `refine`, `verify` |
 | keep and judge results | `write_bop_csv`, `write_json`, `evaluate` |
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from itree_jax.sensor import Sensor as Sensor
     from itree_jax.tree.classify import classify as classify
     from itree_jax.tree.determine import determine as determine
+    from itree_jax.tree.forest import Forest as Forest
+    from itree_jax.tree.forest import compile_forest as compile_forest
     from itree_jax.tree.tree import InterpretationTree as InterpretationTree
     from itree_jax.tree.tree_file import load_tree as load_tree
     from itree_jax.tree.tree_file import save_tree as save_tree
@@ -46,12 +49,14 @@ _HOME = {
     "Camera": "itree_kernels.camera",
     "Detection": "itree_jax.detections",
     "Detections": "itree_jax.detections",
+    "Forest": "itree_jax.tree.forest",
     "InterpretationTree": "itree_jax.tree.tree",
     "ItreeError": "itree_kernels.errors",
     "Noise": "itree_jax.sensor",
     "Part": "itree_cad.part",
     "Sensor": "itree_jax.sensor",
     "classify": "itree_jax.tree.classify",
+    "compile_forest": "itree_jax.tree.forest",
     "compile_tree": "itree_jax.compile",
     "determine": "itree_jax.tree.determine",
     "evaluate": "itree_jax.evaluation",

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from itree_jax.decision_path import decision_path, verification_step
 from itree_jax.detections import Detection
@@ -14,16 +14,20 @@ from itree_jax.refinement.ambiguity import rivals
 from itree_jax.refinement.hypotheses import RegionHypotheses, evidence
 from itree_jax.refinement.optimise import NormalEquations
 from itree_jax.refinement.select import Judged, Selection
+from itree_jax.root_answer import RootAnswer, root_steps
 from itree_jax.sensing.regions import Regions
 from itree_jax.tree.classify import Classification
+from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
 
 
 @dataclass(frozen=True)
 class Interpretation:
-    """What one tree makes of the regions of one image."""
+    """What one tree makes of the regions of one image that it is asked for."""
 
     prepared: Prepared
+    part: int  # place of the tree in its forest
+    asked: Int[np.ndarray, "asked"]  # regions, rising; rows of `features` and `classification`
     features: RegionFeatures
     classification: Classification
     hypotheses: RegionHypotheses  # refined; those that reached the last verification
@@ -31,18 +35,24 @@ class Interpretation:
     judged: Judged
     selection: Selection
 
+    def row_of(self, region: int) -> int:
+        """Of a region that was asked for."""
+        return int(np.searchsorted(self.asked, region))
 
-def describe(answers: Sequence[Interpretation], found: Regions) -> tuple[Detection, ...]:
+
+def describe(
+    answers: Sequence[Interpretation], found: Regions, root: Root, said: RootAnswer
+) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
     detections = [
-        describe_one(answer, int(h), found) for answer in answers for h in answer.selection.accepted
+        describe_one(answer, int(h), found, root, said) for answer in answers for h in answer.selection.accepted
     ]
     order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
     rank = {k: position for position, k in enumerate(order)}
     return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
 
 
-def describe_one(answer: Interpretation, h: int, found: Regions) -> Detection:
+def describe_one(answer: Interpretation, h: int, found: Regions, root: Root, said: RootAnswer) -> Detection:
     """One accepted hypothesis. Its score is shared with rivals that explain the same place as well."""
     tree, verdict = answer.prepared.tree, answer.judged.verdict
     region = int(answer.hypotheses.region[h])
@@ -54,7 +64,10 @@ def describe_one(answer: Interpretation, h: int, found: Regions) -> Detection:
     R, t = nearest_rotation(R_all[h]), t_all[h]
     std = twist_deviation(without_free_turns(np.asarray(answer.equations.hessian[h], float), tree, R))
     pixels = answer.judged.stride**2  # image pixels that a window pixel stands for
-    path = decision_path(tree, answer.classification, region, int(answer.hypotheses.row[h]))
+    path = (
+        *root_steps(root, said, region, answer.part),
+        *decision_path(tree, answer.classification, answer.row_of(region), int(answer.hypotheses.row[h])),
+    )
     return Detection(
         scene_id=0,
         im_id=0,

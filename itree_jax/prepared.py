@@ -1,6 +1,8 @@
-"""A tree made ready for recognition: its ray mesh built, its arrays where they are used."""
+"""Trees made ready for recognition: ray meshes built, arrays where they are used."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from itree_kernels.mesh import ray_mesh
@@ -12,6 +14,8 @@ from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
+from itree_jax.tree.forest import Forest, compile_forest
+from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
 
 
@@ -28,11 +32,36 @@ class Prepared:
     turns: Float[np.ndarray, "turns 4 4"]  # near symmetries, model -> model
 
 
-def prepare(tree: InterpretationTree) -> Prepared:
-    """Builds the ray mesh and puts the tree's arrays where they are used."""
+@dataclass(frozen=True)
+class PreparedForest:
+    """A forest whose trees are prepared."""
+
+    trees: tuple[Prepared, ...]
+    root: Root
+
+    @property
+    def pitches(self) -> tuple[float, ...]:
+        """Of the feature windows that any tree wants [mm]."""
+        return tuple(sorted({one.pitch for one in self.trees}))
+
+
+@overload
+def prepare(tree: InterpretationTree) -> Prepared: ...
+@overload
+def prepare(tree: Forest) -> PreparedForest: ...
+def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
+    """Builds the ray mesh and puts the tree's arrays where they are used; of a forest, of all its trees."""
+    if isinstance(tree, Forest):
+        return PreparedForest(tuple(prepare(one) for one in tree.trees), tree.root)
     part = tree.part
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     reach = mesh_reach(mesh)
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), near_symmetries(part.vertices, part.triangles))
+
+
+def prepare_forest(trees: Sequence[InterpretationTree | Prepared]) -> PreparedForest:
+    """Trees, some of them prepared, as a forest. Raises ItreeError as `compile_forest` does."""
+    prepared = tuple(one if isinstance(one, Prepared) else prepare(one) for one in trees)
+    return PreparedForest(prepared, compile_forest([one.tree for one in prepared]).root)

@@ -2,19 +2,16 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from itree_kernels.errors import ItreeError
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from itree_jax.answers import Interpretation, best_reason, describe
 from itree_jax.detections import Detections
-from itree_jax.features.region import RegionFeatures, measure_batch, with_brothers
-from itree_jax.features.relation import brothers
-from itree_jax.features.window import Window, extract_images, extract_windows
-from itree_jax.prepared import Prepared, prepare
+from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
     agreement,
@@ -26,29 +23,41 @@ from itree_jax.refinement.hypotheses import (
 )
 from itree_jax.refinement.observed import ObservedMaps, observe
 from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
-from itree_jax.refinement.schedule import Round, Schedule, schedule
+from itree_jax.refinement.schedule import Round, Schedule, depth_jump, schedule
 from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
 from itree_jax.refinement.solids import share_space
 from itree_jax.refinement.verify import verify, visible_centres
+from itree_jax.region_measures import Measured, features_of, measure_regions
+from itree_jax.root_answer import NO_PART, ask_root
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import needle_map
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import segment_centres
 from itree_jax.sensor import Sensor
-from itree_jax.tree.appearances import WINDOW_SIZE
 from itree_jax.tree.classify import classify
+from itree_jax.tree.determination_rules import Candidates
 from itree_jax.tree.determine import determine
 from itree_jax.tree.draws import BESIDE_REACH
-from itree_jax.tree.sights import needle_deviation, window_edges
+from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
-REGION_BATCH = 16  # regions are padded to a multiple, so that few shapes are compiled
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What one image shows, whatever part is looked for."""
+
+    found: Regions
+    observed: ObservedMaps
+    segment_centre: Float[np.ndarray, "regions 3"]  # of the surface that hangs together with each region [mm]
+    noise: float  # of the depth map [mm]
+    sensor: Sensor
 
 
 def recognize(
-    trees: InterpretationTree | Prepared | Sequence[InterpretationTree | Prepared],
+    trees: InterpretationTree | Prepared | Forest | PreparedForest | Sequence[InterpretationTree | Prepared],
     images: Float[np.ndarray, "*batch lights height width"],
     sensor: Sensor,
     depth: Float[np.ndarray, "*batch height width"] | None = None,
@@ -57,7 +66,7 @@ def recognize(
     """Poses of the parts in the images.
 
     Args:
-        trees: one compiled tree or several; `prepare` them first when many calls follow.
+        trees: a compiled tree, or several as a forest or a list; `prepare` them first when many calls follow.
         images: linear intensities, 1.0 = full scale, one per light; a leading batch axis gives a list.
         sensor: the camera and lights that took the images.
         depth: z [mm] per pixel, 0 = none.
@@ -66,63 +75,91 @@ def recognize(
     Returns finished results (the call blocks until they are there).
 
     Raises:
-        ItreeError: no depth map is given (recognition without one is not there yet), or shapes don't fit the sensor.
+        ItreeError: no depth map is given (recognition without one is not there yet), shapes don't fit the sensor, or
+            the trees make no forest (see `compile_forest`).
     """
-    several = trees if isinstance(trees, Sequence) else [trees]
-    prepared = [p if isinstance(p, Prepared) else prepare(p) for p in several]
+    forest = as_forest(trees)
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
     if images.ndim == 4:
         depths = [None] * len(images) if depth is None else depth
-        return [recognize_one(prepared, i, sensor, d, R_w2c) for i, d in zip(images, depths, strict=True)]
-    return recognize_one(prepared, images, sensor, depth, R_w2c)
+        return [recognize_one(forest, i, sensor, d, R_w2c) for i, d in zip(images, depths, strict=True)]
+    return recognize_one(forest, images, sensor, depth, R_w2c)
+
+
+def as_forest(
+    trees: InterpretationTree | Prepared | Forest | PreparedForest | Sequence[InterpretationTree | Prepared],
+) -> PreparedForest:
+    """Whatever trees there are, as a prepared forest; one tree is a forest too."""
+    if isinstance(trees, PreparedForest):
+        return trees
+    if isinstance(trees, Forest):
+        return prepare(trees)
+    return prepare_forest(trees if isinstance(trees, Sequence) else [trees])
 
 
 def recognize_one(
-    prepared: Sequence[Prepared],
+    trees: PreparedForest | Sequence[Prepared],
     images: Float[np.ndarray, "lights height width"],
     sensor: Sensor,
     depth: Float[np.ndarray, "height width"] | None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
 ) -> Detections:
     """One image under each light -> its detections. See `recognize`."""
+    forest = as_forest(trees)
     start = time.perf_counter()
     if depth is None:
         raise ItreeError("recognition needs a depth map for now: give depth= (z in mm per pixel, 0 = none)")
     depth = np.asarray(depth, np.float32)
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
     found = regions(needle, depth, sensor, R_w2c)
-    noise = depth_noise(depth, depth > 0)
-    answers = [interpret(p, found, needle, images, depth, sensor, noise) for p in prepared] if found.count else []
+    if not found.count:
+        return Detections((), time.perf_counter() - start, labels=found.labels)
+    sight = look(found, needle, depth, sensor)
+    measured = {pitch: measure_regions(found, needle, images, sensor, pitch) for pitch in forest.pitches}
+    said = ask_root(forest, measured, found.count)
+    answers = [
+        interpret(prepared, part, np.flatnonzero(said.left[:, part]), measured[prepared.pitch], sight)
+        for part, prepared in enumerate(forest.trees) if said.left[:, part].any()
+    ]
     answers = compete(answers, (sensor.camera.height, sensor.camera.width))
-    detections = describe(answers, found)
+    detections = describe(answers, found, forest.root, said)
     recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
     unexplained = tuple(
-        {"region": r, "reason": best_reason(answers, r), "height_mm": float(found.height[r])}
+        {
+            "region": r, "reason": best_reason(answers, r) if said.left[r].any() else NO_PART,
+            "height_mm": float(found.height[r]),
+        }
         for r in range(found.count) if r not in recognised
     )
-    return Detections(detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained)
+    return Detections(
+        detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained,
+        interpretations=int(said.left.sum()),
+    )
+
+
+def look(found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor) -> Sight:
+    """What all parts are held against."""
+    noise = depth_noise(depth, depth > 0)
+    needles = np.asarray(needle.normals) * np.asarray(needle.interpretable)[..., None]
+    jump = depth_jump(sensor.camera, sensor.working_distance, noise)
+    observed = observe(needles, needle_weight(needle), depth, jump)
+    return Sight(found, observed, segment_centres(found.labels, depth, sensor), noise, sensor)
 
 
 def interpret(
-    prepared: Prepared, found: Regions, needle: NeedleMap, images: Float[np.ndarray, "lights height width"],
-    depth: Float[np.ndarray, "height width"], sensor: Sensor, noise: float,
+    prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], measured: Measured, sight: Sight
 ) -> Interpretation:
-    """Regions -> groups -> attitudes -> refined and verified poses, all regions in one batch."""
-    tree = prepared.tree
-    features, R_ray_cam = region_features(
-        found, needle, images, sensor, prepared.pitch, BESIDE_REACH * prepared.model.reach
-    )
+    """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
+    tree, model, sensor, observed = prepared.tree, prepared.model, sight.sensor, sight.observed
+    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * model.reach)
     classification = classify(features, prepared.classification)
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
     )
-    hypotheses = as_hypotheses(candidates, tree, found, R_ray_cam, sensor)
-    hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, found, depth, sensor))
-    plan = schedule(sensor, tree.part.diameter, noise, tree.spacing)
-    needles = np.asarray(needle.normals) * np.asarray(needle.interpretable)[..., None]
-    observed = observe(needles, needle_weight(needle), depth, plan.jump)
-    model = prepared.model
+    hypotheses = as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam)
+    hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
+    plan = schedule(sensor, tree.part.diameter, sight.noise, tree.spacing)
     hypotheses, equations = narrow(hypotheses, model, observed, sensor, plan.rounds, plan)
     judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
     accepted = hypotheses.take(selection.accepted)
@@ -133,7 +170,7 @@ def interpret(
         hypotheses = joined(hypotheses, turned)
         equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
         judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
-    return Interpretation(prepared, features, classification, hypotheses, equations, judged, selection)
+    return Interpretation(prepared, part, asked, features, classification, hypotheses, equations, judged, selection)
 
 
 def near_poses(
@@ -186,81 +223,39 @@ def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list
     return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
 
 
-def region_features(
-    found: Regions, needle: NeedleMap, images: Float[np.ndarray, "lights height width"], sensor: Sensor, pitch: float,
-    reach: float,
-) -> tuple[RegionFeatures, Float[np.ndarray, "regions 3 3"]]:
-    """Work models of all regions (padded to a batch by repeating the first), and their viewing-ray frames."""
-    normals = np.asarray(needle.normals, np.float32)
-    windows, R_ray_cam = extract_windows(
-        found.labels, normals, np.arange(found.count), found.centroid_uv, found.mean_depth, sensor.camera, pitch,
-        WINDOW_SIZE,
-    )
-    seen = extract_images(
-        images / sensor.light_intensities[:, None, None].astype(np.float32), found.centroid_uv, found.mean_depth,
-        sensor.camera, pitch, WINDOW_SIZE,
-    )
-    extra = -found.count % REGION_BATCH
-
-    def padded(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([values, np.repeat(np.asarray(values)[:1], extra, axis=0)])
-
-    edges = window_edges(padded(seen), sensor.noise)
-    features = measure_batch(
-        Window(*(padded(a) for a in windows)), edges, np.float32(needle_deviation(sensor.noise))
-    )
-    return with_brothers(features, padded(brothers_in_scene(found, features, R_ray_cam, sensor, reach))), R_ray_cam
-
-
-def brothers_in_scene(
-    found: Regions, features: RegionFeatures, R_ray_cam: Float[np.ndarray, "regions 3 3"], sensor: Sensor, reach: float
-) -> Float[np.ndarray, "regions most fields"]:
-    """Other regions within reach of every region [mm], in the frame of its viewing ray."""
-    count = found.count
-    X_cam = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-    normal_ray, area = np.asarray(features.mean_normal)[:count], np.asarray(features.area)[:count]
-    normal_cam = np.einsum("rca,rc->ra", R_ray_cam, normal_ray)
-    alpha = np.asarray(features.inertia.alpha)[:count]
-    found_of = [
-        brothers(X_cam @ R.T, normal_cam @ R.T, np.full(count, alpha[k]), area, reach)[k]
-        for k, R in enumerate(R_ray_cam)
-    ]
-    return np.stack(found_of)
-
-
 def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
     """How far a needle is believed: interpretable, and of the albedo of the other parts' surfaces."""
     return np.where(needle.interpretable, needle.confidence, 0.0).astype(np.float32)
 
 
-def as_hypotheses(candidates, tree: InterpretationTree, found: Regions, R_ray_cam, sensor: Sensor) -> RegionHypotheses:
+def as_hypotheses(
+    candidates: Candidates, tree: InterpretationTree, sight: Sight, asked: Int[np.ndarray, "asked"],
+    R_ray_cam: Float[np.ndarray, "regions 3 3"],
+) -> RegionHypotheses:
     """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
-    R_ray_obj, row, score = (np.asarray(c)[: found.count] for c in candidates)
+    found = sight.found
+    R_ray_obj, row, score = (np.asarray(c)[: len(asked)] for c in candidates)
     # a part with few appearances leaves places in the list: they repeat the region's best
     empty = ~np.isfinite(score)
     best = np.argmax(score, axis=1)[:, None]
     pick = np.where(empty, best, np.arange(score.shape[1])[None])
     R_ray_obj = np.take_along_axis(R_ray_obj, pick[..., None, None], axis=1)
     row = np.take_along_axis(row, pick, axis=1)
-    X_region = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-    R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam, X_region)
-    region = np.repeat(np.arange(found.count), row.shape[1])
+    X_region = sight.sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+    R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam[asked], X_region[asked])
+    region = np.repeat(asked, row.shape[1])
     poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
     return RegionHypotheses(poses, region, row.reshape(-1), np.where(empty, -np.inf, score).reshape(-1))
 
 
-def placed_by_segment(
-    hypotheses: RegionHypotheses, prepared: Prepared, found: Regions, depth: Float[np.ndarray, "height width"],
-    sensor: Sensor,
-) -> RegionHypotheses:
+def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:
     """The same attitudes, placed by all of the surface that hangs together with the region in the depth map.
 
     A region ends at shadows; the surface doesn't. So the mean of a whole part's surface places a pose well where a
     region was cut, and badly where parts touch: both placements go on.
     """
-    centre = segment_centres(found.labels, depth, sensor)
-    shown = visible_centres(hypotheses.poses, prepared.model, sensor.camera, PLACING_SIZE)
-    t_cam_obj = hypotheses.poses.t_cam_obj + centre[hypotheses.region] - shown
+    shown = visible_centres(hypotheses.poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
+    t_cam_obj = hypotheses.poses.t_cam_obj + sight.segment_centre[hypotheses.region] - shown
     poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
     return hypotheses._replace(poses=poses)
 

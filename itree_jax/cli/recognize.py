@@ -16,10 +16,12 @@ from itree_jax.cli.terminal import output, progress
 
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
-    from itree_jax.prepared import Prepared
+    from itree_jax.prepared import Prepared, PreparedForest
     from itree_jax.report import IndexEntry
     from itree_jax.sensing.scene_folder import Scene
     from itree_jax.sensor import Sensor
+
+    Forests = dict[tuple[int, ...], PreparedForest]
 
 
 @dataclass(frozen=True)
@@ -60,10 +62,10 @@ class Recognize:
             check_objects(prepared)
             folders = scene_folders(self.scenes)
             check_numbered(folders)
-            answers, entries = [], []
+            answers, entries, forests = [], [], {}
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
-                scene, fitting, found = answer(folder, prepared, self.quiet)
+                scene, fitting, found = answer(folder, prepared, forests, self.quiet)
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting))
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
@@ -89,15 +91,18 @@ class Recognize:
         check_folder(self.report)
 
 
-def answer(folder: Path, prepared: "list[Prepared]", quiet: bool) -> "tuple[Scene, list[Prepared], Detections]":
+def answer(
+    folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool
+) -> "tuple[Scene, list[Prepared], Detections]":
     """A scene, the trees that fit its lights, and what they found in it; errors name the scene.
 
-    Trees that had to be compiled for the scene's number of lights are added to `prepared`.
+    Trees that had to be compiled for the scene's number of lights are added to `prepared`, and a forest that is not
+    known yet to `forests`.
     """
     try:
         prepared += trees_for_more_lights(folder, prepared, quiet)
         scene, fitting = load_with_trees(folder, prepared)
-        return scene, fitting, recognize_scene(scene, fitting)
+        return scene, fitting, recognize_scene(scene, forest_of(fitting, forests))
     except ItreeError as error:
         raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
 
@@ -164,7 +169,19 @@ def fitting_trees(prepared: "Sequence[Prepared]", sensor: "Sensor") -> "list[Pre
     return list(found.values())
 
 
-def recognize_scene(scene: "Scene", prepared: "Sequence[Prepared]") -> "Detections":
+def forest_of(fitting: "list[Prepared]", forests: "Forests") -> "PreparedForest | list[Prepared]":
+    """Several trees as a forest, its root made once for all scenes that they fit."""
+    from itree_jax.prepared import prepare_forest
+
+    if len(fitting) < 2:
+        return fitting
+    key = tuple(id(one) for one in fitting)
+    if key not in forests:
+        forests[key] = prepare_forest(fitting)
+    return forests[key]
+
+
+def recognize_scene(scene: "Scene", prepared: "PreparedForest | Sequence[Prepared]") -> "Detections":
     """The answers for a scene, under the scene's numbers."""
     from itree_jax.recognition import recognize_one
 
@@ -177,14 +194,9 @@ def recognize_scene(scene: "Scene", prepared: "Sequence[Prepared]") -> "Detectio
 
 def check_objects(prepared: "Sequence[Prepared]") -> None:
     """Raises ItreeError when two different parts have one object number."""
-    names: dict[int, str] = {}
-    for one in prepared:
-        name = names.setdefault(one.tree.obj_id, one.tree.part.name)
-        if name != one.tree.part.name:
-            raise ItreeError(
-                f"the trees of '{name}' and '{one.tree.part.name}' are both of object {one.tree.obj_id}; compile one "
-                "of them with another --obj-id"
-            )
+    from itree_jax.tree import forest
+
+    forest.check_objects([one.tree for one in prepared])
 
 
 def check_numbered(folders: Sequence[Path]) -> None:

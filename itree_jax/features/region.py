@@ -126,8 +126,10 @@ def measure_batch(
     windows: Window, edges: Float[Array, "n s s 2"] | None = None, needle_std: float | Float[Array, ""] = NEEDLE_STD
 ) -> RegionFeatures:
     """`measure` of a batch of regions (leading axis on every field), `REGIONS_AT_ONCE` at a time."""
-    batch = (Window(*map(jnp.asarray, windows)), None if edges is None else jnp.asarray(edges))
-    return jax.lax.map(lambda item: measure(*item, needle_std), batch, batch_size=REGIONS_AT_ONCE)
+    mask, normals, pitch = windows
+    window = Window(jnp.asarray(mask), jnp.asarray(normals), jnp.asarray(pitch))
+    batch = (window, None if edges is None else jnp.asarray(edges))
+    return jax.lax.map(lambda item: measure(item[0], item[1], needle_std), batch, batch_size=REGIONS_AT_ONCE)
 
 
 def with_brothers(features: RegionFeatures, found: Float[np.ndarray, "n most fields"]) -> RegionFeatures:

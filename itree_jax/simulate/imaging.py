@@ -1,5 +1,6 @@
 """What a sensor sees of parts that lie in a bin: images, depth, and the true poses with their visibility."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,10 +65,28 @@ def image_bin(
     The camera is ideal: the sensor's distortion and gamma are left out, in the images and in the scene's sensor. World
     is the bin's frame. The same seed gives the same bytes.
     """
+    kinds = [(part, obj_id)]
+    of_kind = np.zeros(len(T_bin_obj), int)
+    return image_mixed_bin(kinds, of_kind, T_bin_obj, bin_, sensor, look, noise, seed=seed, scene_id=scene_id)
+
+
+def image_mixed_bin(
+    kinds: Sequence[tuple[Part, int]],
+    of_kind: Int[np.ndarray, "parts"],
+    T_bin_obj: Float[np.ndarray, "parts 4 4"],
+    bin_: Bin,
+    sensor: Sensor,
+    look: Look = LOOKS["lambert"],
+    noise: ImageNoise = ImageNoise(),
+    *,
+    seed: int,
+    scene_id: int = 1,
+) -> tuple[Scene, tuple[TrueObject, ...]]:
+    """`image_bin` for different parts: `kinds` are parts with their object numbers, `of_kind` says which lies where."""
     T_cam_bin = camera_above(sensor)
     T_cam_obj = T_cam_bin @ T_bin_obj
-    mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
-    lit = _render(mesh, bin_ray_mesh(bin_), T_cam_obj, T_cam_bin, sensor, look)
+    meshes = [ray_mesh(part.vertices, part.triangles, part.face_of_triangle) for part, _ in kinds]
+    lit = _render(meshes, of_kind, bin_ray_mesh(bin_), T_cam_obj, T_cam_bin, sensor, look)
     light_seed, depth_seed = np.random.SeedSequence(seed).generate_state(2).tolist()
     images = lit.images
     if noise.sensor:
@@ -77,11 +96,16 @@ def image_bin(
     depth = np.where(lit.depth > 0, lit.depth + jitter, 0.0).astype(np.float32)
     ideal = replace(sensor, distortion=(), gamma=1.0, bit_depth=None)
     scene = Scene(scene_id, 0, images, depth, ideal, T_cam_bin[:3, :3], None, T_cam_bin[:3, 3])
-    return scene, _truth(mesh, lit.instance, T_cam_obj, sensor, obj_id)
+    truth = [
+        _true_object(meshes[kind], lit.instance == k, T, sensor, kinds[kind][1])
+        for k, (kind, T) in enumerate(zip(of_kind, T_cam_obj, strict=True))
+    ]
+    return scene, tuple(truth)
 
 
 def _render(
-    mesh: RayMesh,
+    meshes: list[RayMesh],
+    of_kind: Int[np.ndarray, "parts"],
     bin_mesh: RayMesh,
     T_cam_obj: Float[np.ndarray, "parts 4 4"],
     T_cam_bin: Float[np.ndarray, "4 4"],
@@ -97,27 +121,18 @@ def _render(
         exponent=look.exponent,
     )
     return render_scene(
-        [mesh, bin_mesh], np.where(of_part, 0, 1), T[:, :3, :3], T[:, :3, 3], sensor.camera, sensor.light_directions,
-        sensor.light_intensities, material, look.ambient,
+        [*meshes, bin_mesh], np.append(of_kind, len(meshes)), T[:, :3, :3], T[:, :3, 3], sensor.camera,
+        sensor.light_directions, sensor.light_intensities, material, look.ambient,
     )  # fmt: skip
 
 
-def _truth(
-    mesh: RayMesh,
-    instance: Int[np.ndarray, "height width"],
-    T_cam_obj: Float[np.ndarray, "parts 4 4"],
-    sensor: Sensor,
+def _true_object(
+    mesh: RayMesh, visible: Bool[np.ndarray, "height width"], T_cam_obj: Float[np.ndarray, "4 4"], sensor: Sensor,
     obj_id: int,
-) -> tuple[TrueObject, ...]:
-    truth = []
-    for k, T in enumerate(T_cam_obj):
-        alone = cast_apparent_shapes(
-            mesh, T[None, :3, :3], T[None, :3, 3], sensor.camera, sensor.light_directions, sensor.slant_limit
-        )
-        visible = instance == k
-        counts = int((alone.face[0] >= 0).sum()), int(visible.sum())
-        truth.append(TrueObject(obj_id, T[:3, :3], T[:3, 3], *counts, _bounding_box(visible)))
-    return tuple(truth)
+) -> TrueObject:
+    R, t = T_cam_obj[:3, :3], T_cam_obj[:3, 3]
+    alone = cast_apparent_shapes(mesh, R[None], t[None], sensor.camera, sensor.light_directions, sensor.slant_limit)
+    return TrueObject(obj_id, R, t, int((alone.face[0] >= 0).sum()), int(visible.sum()), _bounding_box(visible))
 
 
 def _bounding_box(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:

@@ -1,5 +1,6 @@
 """Parts dropped into a bin by a physics engine (MuJoCo, the extra `sim`)."""
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import trimesh
 from itree_cad.part import Part
 from itree_kernels.errors import ItreeError
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from itree_jax.simulate.bin import Bin
@@ -35,17 +36,26 @@ def settle(part: Part, count: int, bin_: Bin, seed: int) -> Float[np.ndarray, "k
     than `count` may come back. The same seed gives the same poses (on the same machine and version of the engine).
     Raises ItreeError if the physics engine is not installed or `count` is not positive.
     """
+    return settle_mixed([part] * count, bin_, seed)[0]
+
+
+def settle_mixed(
+    parts: Sequence[Part], bin_: Bin, seed: int
+) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
+    """`settle` for different parts, dropped in their order; also which of them lie in the bin."""
     mujoco = _engine()
+    count = len(parts)
     if count < 1:
         raise ItreeError(f"{count} parts cannot be dropped; at least one is needed.")
     rng = np.random.default_rng(seed)
-    model = _model(mujoco, part, count, bin_)
+    model = _model(mujoco, parts, bin_)
     data = mujoco.MjData(model)
-    fall = _release(data, part, count, bin_, rng)
+    fall = _release(data, parts, bin_, rng)
     _run(mujoco, model, data, fall)
     poses = _poses(data, count)
-    middle = part.vertices.mean(axis=0)
-    return poses[bin_.contains(poses[:, :3, :3] @ middle + poses[:, :3, 3])]
+    middle = np.array([part.vertices.mean(axis=0) for part in parts])
+    kept = np.flatnonzero(bin_.contains(np.einsum("kij,kj->ki", poses[:, :3, :3], middle) + poses[:, :3, 3]))
+    return poses[kept], kept
 
 
 def _engine() -> ModuleType:
@@ -58,7 +68,7 @@ def _engine() -> ModuleType:
     return mujoco
 
 
-def _model(mujoco: Any, part: Part, count: int, bin_: Bin) -> Any:
+def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
     spec = mujoco.MjSpec()
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -67,17 +77,21 @@ def _model(mujoco: Any, part: Part, count: int, bin_: Bin) -> Any:
     for size, position in _boxes(bin_):
         geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size * METRE, pos=position * METRE)
         _surface(geom)
-    pieces = convex_pieces(part)
-    for i, points in enumerate(pieces):
-        spec.add_mesh(
-            name=f"piece{i}", uservert=(points * METRE).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-        )
-    inertial = _inertial(part)
-    for k in range(count):
-        body = spec.worldbody.add_body(name=f"part{k}", explicitinertial=True, **inertial)
+    kinds = list({id(part): part for part in parts}.values())
+    pieces = [convex_pieces(part) for part in kinds]
+    for kind, of_part in enumerate(pieces):
+        for i, points in enumerate(of_part):
+            spec.add_mesh(
+                name=f"piece{kind}.{i}", uservert=(points * METRE).ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
+            )  # fmt: skip
+    inertial = [_inertial(part) for part in kinds]
+    for k, part in enumerate(parts):
+        kind = next(j for j, known in enumerate(kinds) if known is part)
+        body = spec.worldbody.add_body(name=f"part{k}", explicitinertial=True, **inertial[kind])
         body.add_freejoint()
-        for i in range(len(pieces)):
-            _surface(body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"piece{i}"))
+        for i in range(len(pieces[kind])):
+            _surface(body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"piece{kind}.{i}"))
     return spec.compile()
 
 
@@ -104,16 +118,17 @@ def _inertial(part: Part) -> dict[str, Any]:
     return {"mass": solid.volume * DENSITY, "ipos": np.asarray(solid.center_mass), "fullinertia": full}
 
 
-def _release(data: Any, part: Part, count: int, bin_: Bin, rng: np.random.Generator) -> float:
+def _release(data: Any, parts: Sequence[Part], bin_: Bin, rng: np.random.Generator) -> float:
     """Puts the parts one above another at random attitudes and places; returns the time [s] of the fall."""
-    middle = (part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2
-    room = np.maximum(np.asarray(bin_.inner_size) / 2 - 0.55 * part.diameter, 0)
-    heights = bin_.wall_height + part.diameter * (0.6 + SPACING * np.arange(count))
+    count, diameter = len(parts), max(part.diameter for part in parts)
+    middle = [(part.vertices.min(axis=0) + part.vertices.max(axis=0)) / 2 for part in parts]
+    room = np.maximum(np.asarray(bin_.inner_size) / 2 - 0.55 * diameter, 0)
+    heights = bin_.wall_height + diameter * (0.6 + SPACING * np.arange(count))
     attitudes = Rotation.random(count, rng=rng)
     qpos = data.qpos.reshape(count, 7)
     for k in range(count):
         place = np.array([*rng.uniform(-room, room), heights[k]])
-        qpos[k, :3] = (place - attitudes[k].apply(middle)) * METRE
+        qpos[k, :3] = (place - attitudes[k].apply(middle[k])) * METRE
         qpos[k, 3:] = np.roll(attitudes[k].as_quat(), 1)  # the engine writes w first
     data.qpos[:] = qpos.ravel()
     return float(heights[-1] * METRE / TOP_SPEED)

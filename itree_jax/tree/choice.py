@@ -1,8 +1,8 @@
 """Choosing the rule of every branch by measured error rates (the paper leaves this "to humans at present").
 
 Errors are measured on draws that stand alone and on draws that another part cuts. The paper takes the highest region,
-"which is usually not occluded": its policy goes by the draws that stand alone. The policy `measured` expects a region to
-be cut as often as not.
+"which is usually not occluded": its policy goes by the draws that stand alone. The policy `measured` expects a region
+to be cut as often as not.
 """
 
 import jax.numpy as jnp

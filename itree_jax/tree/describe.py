@@ -110,7 +110,8 @@ def nodes(tree: InterpretationTree) -> list[dict[str, Any]]:
             "error_interval": n.error_interval[k],
             "error_by_kind": dict(zip(KINDS, n.whole_and_cut[k], strict=True)),
             "rule_errors": {
-                rule: dict(zip(KINDS, errors, strict=True)) for rule, errors in zip(rules, n.rule_errors[k], strict=True)
+                rule: dict(zip(KINDS, errors, strict=True))
+                for rule, errors in zip(rules, n.rule_errors[k], strict=True)
             },
             "draws": int(n.draws[k]),
             "visible": _labels(tree, n.visible[k]),
@@ -208,7 +209,8 @@ def ambiguities(tree: InterpretationTree) -> list[dict[str, Any]]:
     d, views, labels = tree.determination, tree.groups.representative_view, tree.groups.label_strings
     kept = np.flatnonzero(~tree.groups.pruned)
     found: list[dict[str, Any]] = []
-    for g, h in ((g, h) for g in kept for h in inseparable(tree, int(g)) if g < h):
+    pairs = [(int(g), h) for g in kept for h in inseparable(tree, int(g)) if g < h]
+    for g, h in pairs:
         found.append({
             "kind": "groups", "groups": [labels[g], labels[h]], "views": [int(views[g]), int(views[h])],
             "rule": tree.confusion.pair_rule[g][h], "error_rate": float(tree.confusion.pair_error[g, h]),

@@ -9,8 +9,9 @@ from itree_cad.symmetry import Symmetries
 from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
+from itree_jax.features.relation import MOST_MISFIT, THERE
 from itree_jax.tree.appearances import Appearances
+from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.determination_rules import (
     DETERMINATION_RULE_NAMES,
     FAR,
@@ -26,6 +27,7 @@ from itree_jax.tree.determination_rules import (
     egi_elsewhere,
     facing,
     mass_centre_penalty,
+    nearest_brothers,
     relation_penalty,
     take_rows,
     within_roll,
@@ -133,11 +135,9 @@ def scale_samples(
 def brother_deviation(features: RegionFeatures, row: AppearanceArrays, at: Int[Array, ""]) -> Float[Array, ""]:
     """Angle [rad] between the directions toward a brother after a turn of the outline; NaN where there is none."""
     n_theta = row.outline.shape[-1]
-    seen, stored = features.brothers, row.brothers[0]
-    apart = brother_angle(seen)[:, None] - brother_angle(stored)[None, :] - at * (2.0 * jnp.pi / n_theta)
-    misfit = brother_misfit(seen[:, None], stored[None, :], jnp.zeros((), bool))
-    best = jnp.argmin(misfit)
-    return jnp.where(misfit.reshape(-1)[best] < MOST_MISFIT, jnp.abs(wrapped(apart.reshape(-1)[best])), jnp.nan)
+    misfit, apart = nearest_brothers(features.brothers, row.brothers)
+    turned = wrapped(apart[0] - at * (2.0 * jnp.pi / n_theta))
+    return jnp.where(misfit[0] < MOST_MISFIT, jnp.abs(turned), jnp.nan)
 
 
 @partial(jax.jit, static_argnames=("roll_step",))
@@ -204,25 +204,28 @@ def scales_of(samples: Float[np.ndarray, "draws k"]) -> Float[np.ndarray, "k"]:
 
 def first_of_each_group(draws: Draws, count: int) -> Draws:
     """The first `count` draws of every group."""
-    return draws.take(np.sort(np.concatenate([np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)])))
+    first = [np.flatnonzero(draws.group == g)[:count] for g in np.unique(draws.group)]
+    return draws.take(np.sort(np.concatenate(first)))
 
 
 def in_batches(function, draws: Draws, *rest) -> Float[np.ndarray, "draws k"]:
     """Calls a compiled function on draws in batches of one size."""
-    count, out = len(draws.group), []
-    for first in range(0, count, DRAWS_AT_ONCE):
+    count = len(draws.group)
+
+    def of_batch(first: int) -> np.ndarray:
         index = np.minimum(np.arange(first, first + DRAWS_AT_ONCE), count - 1)
-        features = jax.tree.map(lambda a, index=index: jnp.asarray(a[index]), draws.features)
+        features = jax.tree.map(lambda a: jnp.asarray(a[index]), draws.features)
         R_cam_obj = jnp.asarray(draws.R_cam_obj[index], jnp.float32)
         part = function(features, R_cam_obj, jnp.asarray(draws.group[index]), *rest)
-        out.append(np.asarray(part)[: min(DRAWS_AT_ONCE, count - first)])
-    return np.concatenate(out)
+        return np.asarray(part)[: min(DRAWS_AT_ONCE, count - first)]
+
+    return np.concatenate(on_all_cores(of_batch, range(0, count, DRAWS_AT_ONCE)))
 
 
 def measure_determination(
     table: Appearances, rolls: int, symmetries: Symmetries, train: Draws, test: Draws, group_count: int, policy: str
 ) -> Determination:
-    """Scales from one set of draws, error rates from another: of whole regions by policy `paper`, else of both kinds."""
+    """Scales from one set of draws, error rates from another: of whole regions by policy `paper`, else of both."""
     train = first_of_each_group(train, SCALE_DRAWS)
     if policy == "paper":
         test = test.take(np.flatnonzero(~test.cut))

@@ -2,8 +2,8 @@
 
 Every appearance (view x roll) is turned so that its mean normal is the region's (A1), then about that normal by no more
 than half a step of roll: as far as its cast shadows hold. A3 compares the directions toward the brother regions, A4 the
-inertia directions, A5 the outlines d(theta), A6 where the surface characteristics lie, A7 where the edges do, A8 both at
-once. A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation
+inertia directions, A5 the outlines d(theta), A6 where the surface characteristics lie, A7 where the edges do, A8 both
+at once. A2 compares the whole extended Gaussian image and needs no outline, so that cut regions keep their orientation
 content. A5 looks at all turns of all appearances; A6-A8, which cost more, at those that A1, A3 and A4 leave.
 """
 
@@ -187,18 +187,26 @@ def direction_penalty(
 def relation_penalty(
     features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
 ) -> Float[Array, "rows turns"]:
-    """A3: of the angle between the directions toward brothers, at each turn of the outline; of two brothers the one that
-    fits best. None where a region or an appearance has no brother."""
+    """A3: of the angle between the directions toward a brother, at each turn of the outline; none where a region or an
+    appearance has no brother that could be the other's."""
     n_theta = rows.outline.shape[-1]
     step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
-    seen, stored = features.brothers, rows.brothers
-    apart = brother_angle(seen)[None, :, None] - brother_angle(stored)[:, None, :]
+    misfit, apart = nearest_brothers(features.brothers, rows.brothers)
+    turn = jnp.abs(wrapped(apart[:, None] - step)) / scales.relation
+    return jnp.where((misfit < MOST_MISFIT)[:, None], bounded(turn) + bounded(misfit)[:, None], 0.0)
+
+
+def nearest_brothers(
+    seen: Float[Array, "most fields"], stored: Float[Array, "rows few fields"]
+) -> tuple[Float[Array, "rows"], Float[Array, "rows"]]:
+    """The brother of a region and that of each appearance that are most alike, directions left aside: their misfit, and
+    the angle [rad] from the appearance's to the region's."""
     misfit = brother_misfit(seen[None, :, None], stored[:, None, :], jnp.zeros((), bool))
-    turn = jnp.abs(wrapped(apart[..., None] - step)) / scales.relation
-    there = (seen[None, :, None, THERE] > 0) & (stored[:, None, :, THERE] > 0) & (misfit < MOST_MISFIT)
-    each = jnp.where(there[..., None], bounded(turn) + bounded(misfit)[..., None], jnp.inf)
-    best = jnp.min(each, axis=(1, 2))
-    return jnp.where(jnp.isfinite(best), jnp.minimum(best, 2.0 * MOST_PENALTY), 0.0)
+    flat = misfit.reshape(len(stored), -1)
+    best = jnp.argmin(flat, axis=1)
+    apart = (brother_angle(seen)[None, :, None] - brother_angle(stored)[:, None, :]).reshape(len(stored), -1)
+    at_best = (jnp.take_along_axis(each, best[:, None], axis=1)[:, 0] for each in (flat, apart))
+    return tuple(at_best)  # type: ignore[return-value]
 
 
 class MapAgreement(NamedTuple):
@@ -240,7 +248,7 @@ def map_penalty(
 
 def take_rows(rows: AppearanceArrays, index: Int[Array, "n"]) -> AppearanceArrays:
     """Some of the appearances."""
-    return AppearanceArrays(*(values[index] for values in rows[:-1]), rows.uses)
+    return AppearanceArrays(*[values[index] for values in rows[:-1]], uses=rows.uses)
 
 
 @dataclass(frozen=True)

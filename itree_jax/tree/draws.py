@@ -6,10 +6,12 @@ part that hides some of them and casts its shadow (what it sees of the rest of a
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import numpy as np
 from itree_kernels.apparent import cast_apparent_shapes
+from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
@@ -18,17 +20,18 @@ from itree_jax.features.region import RegionFeatures, with_brothers
 from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
+from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.dome import camera_rotation
 from itree_jax.tree.groups import roll_rotation
-from itree_jax.tree.neighbours import Views, alone, with_neighbours
+from itree_jax.tree.neighbours import alone, either, with_neighbours
 from itree_jax.tree.sights import (
     Region,
     describe_region,
+    edges_of,
     largest_regions,
     needle_deviation,
     noisy,
     read,
-    window_edges,
     window_images,
 )
 
@@ -82,70 +85,66 @@ def noisy_draws(
     """
     reach = mesh_reach(mesh)
     camera, pitch = window_camera(reach)
-    least = sensor.smallest_region / pitch**2
-    found = _Found()
     order = rng.permutation(len(R_cam_obj))  # a neighbour is a view of any group
-    for first in range(0, len(order), VIEWS_AT_ONCE):
-        batch = order[first : first + VIEWS_AT_ONCE]
-        R = R_cam_obj[batch]
-        shapes = cast_apparent_shapes(
-            mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit
-        )
-        views = alone(shapes)
-        is_cut = (np.arange(len(R)) % 2 == 1) & cut & (len(R) > 1)
-        if is_cut.any():
-            beside = with_neighbours(views, sensor.light_directions, pitch, reach, rng)
-            views = Views(*(np.where(is_cut.reshape(-1, *[1] * (a.ndim - 1)), b, a)
-                            for a, b in zip(views, beside, strict=True)))  # fmt: skip
-        images = noisy(window_images(views.there, views.normal, views.lit, sensor), sensor, int(rng.integers(2**31)))
-        detectable, needles = np.zeros(views.there.shape, bool), np.zeros(views.normal.shape, np.float32)
-        detectable[views.there], needles[views.there] = read(images[:, views.there], sensor)
-        edges = np.asarray(window_edges(padded(np.moveaxis(images, 0, 1), VIEWS_AT_ONCE), sensor.noise))
-        areas = face_areas(shapes, mesh, pitch)
-        for k in range(len(R)):
-            own = largest_regions(detectable[k] & views.own[k], least)
-            if own:
-                foreign = largest_regions(detectable[k] & ~views.own[k], least, most=1)
-                regions = [describe_region(m, needles[k], views.depth[k], camera) for m in (*own, *foreign)]
-                found.add(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k]))
-    if not found.index:
+    batches = [order[first : first + VIEWS_AT_ONCE] for first in range(0, len(order), VIEWS_AT_ONCE)]
+
+    def of_batch(item: tuple[np.ndarray, np.random.Generator]) -> list[_Target]:
+        return _targets(mesh, sensor, R_cam_obj, item[0], camera, pitch, reach, cut, item[1])
+
+    each = zip(batches, rng.spawn(len(batches)), strict=True)
+    found = sorted((t for batch in on_all_cores(of_batch, each) for t in batch), key=lambda t: t.index)
+    if not found:
         raise ItreeError(
             f"Under the sensor's noise ({sensor.noise}) none of {len(R_cam_obj)} views of the part shows a region. "
             "Check the noise of the sensor, or lower its smallest region."
         )
-    return found.draws(R_cam_obj, group, pitch, reach, sensor)
+    masks, index = [t.regions[0].mask for t in found], np.array([t.index for t in found])
+    normals = [np.where(m[..., None], t.needles, 0.0) for m, t in zip(masks, found, strict=True)]
+    features = measured(masks, normals, [t.edges for t in found], pitch, needle_deviation(sensor.noise))
+    beside = first_brothers([t.regions for t in found], np.asarray(features.inertia.alpha), BESIDE_REACH * reach)
+    return Draws(
+        with_brothers(features, beside), group[index], R_cam_obj[index], np.array([t.cut for t in found]),
+        np.array([t.face_area for t in found]), len(R_cam_obj) - len(found),
+    )
 
 
-class _Found:
-    """Draws while they are gathered."""
+class _Target(NamedTuple):
+    """The target region of one draw, first among the regions beside it."""
 
-    def __init__(self) -> None:
-        self.index: list[int] = []
-        self.masks, self.normals, self.edges, self.areas = [], [], [], []
-        self.regions: list[list[Region]] = []
-        self.cut: list[bool] = []
+    index: int  # of the draw
+    regions: list[Region]
+    needles: Float[np.ndarray, "s s 3"]
+    edges: Float[np.ndarray, "s s 2"]
+    face_area: Float[np.ndarray, "faces"]
+    cut: bool
 
-    def add(self, index: int, regions: list[Region], needles: np.ndarray, edges: np.ndarray, areas: np.ndarray,
-            cut: bool) -> None:
-        mask = regions[0].mask
-        self.index.append(index)
-        self.masks.append(mask)
-        self.normals.append(np.where(mask[..., None], needles, 0.0))
-        self.edges.append(edges)
-        self.areas.append(areas)
-        self.regions.append(regions)
-        self.cut.append(cut)
 
-    def draws(self, R_cam_obj: np.ndarray, group: np.ndarray, pitch: float, reach: float, sensor: Sensor) -> Draws:
-        index = np.array(self.index, int)
-        features = measured(self.masks, self.normals, self.edges, pitch, needle_deviation(sensor.noise))
-        beside = first_brothers(self.regions, features.inertia.alpha, BESIDE_REACH * reach)
-        order = np.argsort(index, kind="stable")
-        found = Draws(
-            with_brothers(features, beside), group[index], R_cam_obj[index], np.array(self.cut),
-            np.array(self.areas), len(R_cam_obj) - len(index),
-        )
-        return found.take(order)
+def _targets(
+    mesh: RayMesh, sensor: Sensor, R_cam_obj: Float[np.ndarray, "draws 3 3"], batch: Int[np.ndarray, "views"],
+    camera: Camera, pitch: float, reach: float, cut: bool, rng: np.random.Generator,
+) -> list[_Target]:
+    """The draws of one batch that show a region."""
+    R = R_cam_obj[batch]
+    shapes = cast_apparent_shapes(mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit)
+    views = alone(shapes)
+    is_cut = (np.arange(len(R)) % 2 == 1) & cut & (len(R) > 1)
+    if is_cut.any():
+        beside = with_neighbours(views, sensor.light_directions, pitch, reach, rng)
+        views = either(is_cut, beside, views)
+    there, depth, normal, lit, own_pixels = map(np.asarray, views)
+    images = noisy(window_images(there, normal, lit, sensor), sensor, int(rng.integers(2**31)))
+    detectable, needles = np.zeros(there.shape, bool), np.zeros(normal.shape, np.float32)
+    detectable[there], needles[there] = read(images[:, there], sensor)
+    edges, areas = edges_of(np.moveaxis(images, 0, 1), sensor), face_areas(shapes, mesh, pitch)
+    least = sensor.smallest_region / pitch**2
+    found = []
+    for k in range(len(R)):
+        own = largest_regions(detectable[k] & own_pixels[k], least)
+        if own:
+            foreign = largest_regions(detectable[k] & ~own_pixels[k], least, most=1)
+            regions = [describe_region(m, needles[k], depth[k], camera) for m in (*own, *foreign)]
+            found.append(_Target(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k])))
+    return found
 
 
 def first_brothers(
@@ -158,8 +157,3 @@ def first_brothers(
         angles = np.full(len(one), direction)  # only the first region's own counts
         found.append(brothers(centre, normal, angles, np.array([r.area for r in one]), reach)[0])
     return np.array(found).reshape(-1, MOST_BROTHERS, found[0].shape[-1])
-
-
-def padded(values: np.ndarray, count: int) -> np.ndarray:
-    """A batch filled up with zeros to `count`, so that one shape is compiled."""
-    return np.concatenate([values, np.zeros((count - len(values), *values.shape[1:]), values.dtype)])

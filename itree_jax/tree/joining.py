@@ -1,8 +1,9 @@
 """Joining consecutive branches of one rule to one many-way node (Ikeuchi 1987, sec. 2.1.5, figure 4).
 
 "Since B0 and B1 branches have the same rule and they are consecutive, they are joined into a three-branch node." One
-measurement then decides between all sides at once; by Bayes that is the same decision as one after the other, but its
-error is measured once.
+measurement then decides between all sides at once. By Bayes the probability of a side is the product of what the
+branches on its way give it, so that a side with more than half of it is decided as one after the other would; the error
+is measured once.
 """
 
 import numpy as np

@@ -18,9 +18,9 @@ from itree_jax.tree.leaf_model import LeafModel
 from itree_jax.tree.sights import (
     Region,
     describe_region,
+    edges_of,
     largest_regions,
     needle_deviation,
-    window_edges,
     window_images,
 )
 
@@ -32,7 +32,7 @@ def leaf_models(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> tuple[
     shapes = cast_apparent_shapes(mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit)
     seen = interpretable(shapes, sensor)
     images = window_images(shapes.face >= 0, shapes.normal, shapes.lit, sensor)
-    edges = np.asarray(window_edges(np.moveaxis(images, 0, 1), sensor.noise))
+    edges = edges_of(np.moveaxis(images, 0, 1), sensor)
     least = sensor.smallest_region / pitch**2
     regions: list[list[Region]] = []
     for k in range(len(R)):

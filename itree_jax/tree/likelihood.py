@@ -1,4 +1,4 @@
-"""How likely a rule's quantity is under each attitude group: kernel densities over what noisy draws of the group gave."""
+"""How likely a rule's quantity is under each attitude group: kernel densities over what its noisy draws gave."""
 
 import jax.numpy as jnp
 import numpy as np

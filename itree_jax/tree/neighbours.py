@@ -12,7 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.apparent import ApparentShapes
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
+
+from itree_jax.sensing.needle import Array
 
 STEP = 1.5  # [px] of the walk toward a light
 STEPS = 20  # to 30 px: beyond the half of a window
@@ -37,6 +39,11 @@ def alone(shapes: ApparentShapes) -> Views:
     return Views(there, np.where(there, shapes.depth, FAR), shapes.normal, shapes.lit, there)
 
 
+def either(first: Bool[np.ndarray, "n"], a: Views, b: Views) -> Views:
+    """The views of `a` where `first`, else those of `b`."""
+    return Views(*[np.where(first.reshape(-1, *[1] * (x.ndim - 1)), x, y) for x, y in zip(a, b, strict=True)])
+
+
 def with_neighbours(views: Views, L: Float[np.ndarray, "lights 3"], pitch: float, reach: float,
                     rng: np.random.Generator) -> Views:
     """Every view beside another view of the batch, at a random place around it."""
@@ -59,10 +66,14 @@ def _put_beside(
     views: Views, others: Views, shift: Int[Array, "n 2"], lift: Float[Array, "n"], L: Float[Array, "lights 3"],
     pitch: Float[Array, ""],
 ) -> Views:
-    return jax.lax.map(lambda item: _one_beside(*item, L, pitch), (views, others, shift, lift), batch_size=16)
+    def one(item: tuple[Views, Views, Array, Array]) -> Views:
+        return beside(*item, L, pitch)
+
+    return jax.lax.map(one, (views, others, shift, lift), batch_size=16)
 
 
-def _one_beside(own: Views, other: Views, shift: Array, lift: Array, L: Array, pitch: Array) -> Views:
+def beside(own: Views, other: Views, shift: Int[Array, "2"], lift: Array, L: Array, pitch: Array) -> Views:
+    """One window with another one moved by `shift` (down, right) [px] and `lift` [mm] away from the viewer."""
     there = shifted(other.there, shift, False)
     depth = jnp.where(there, shifted(other.depth, shift, FAR) + lift, FAR)
     front = there & (~own.there | (depth < own.depth))

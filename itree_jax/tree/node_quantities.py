@@ -1,5 +1,7 @@
-"""The numbers that a node compares, by name: of its rule, or of both rules of a pair; of a relational rule the agreements
-with the groups that the node tells apart."""
+"""The numbers that a node compares, by name: of its rule, or of both rules of a pair.
+
+Those of a relational rule are the agreements with the groups that the node tells apart.
+"""
 
 from typing import NamedTuple
 

@@ -23,6 +23,7 @@ from itree_jax.sensor import Noise, Sensor
 
 BRIGHTEST = 0.7  # of full scale: an exposure that leaves room for highlights
 PIXELS_AT_ONCE = (256, 256)  # solved in one call, so that one shape is compiled; background pixels are left out
+WINDOWS_AT_ONCE = 64  # edge maps of one compiled call
 MOST_REGIONS = 3  # regions kept per attitude, the largest ones
 
 
@@ -90,21 +91,32 @@ def window_images(
 
 @partial(jax.jit, static_argnames=("noise",))
 def window_edges(images: Float[jax.Array, "n lights s s"], noise: Noise) -> Float[jax.Array, "n s s 2"]:
-    """Edge maps of a batch of windows: what two lights or more show, since the border of a cast shadow is not the part's.
+    """Edge maps of a batch of windows: what two lights or more show.
 
-    The thresholds go by the noise of the intensities.
+    The border of a cast shadow, which one light shows, is not the part's. Thresholds go by the intensities' noise.
     """
 
     def one(image: jax.Array) -> jax.Array:
-        return seen_by(edge_map(image, intensity_std(image, noise)), image.shape[0])
+        return seen_by(edge_map(image, jnp.asarray(intensity_std(image, noise))), image.shape[0])
 
     return jax.lax.map(one, jnp.asarray(images), batch_size=16)
+
+
+def edges_of(images: Float[np.ndarray, "n lights s s"], sensor: Sensor) -> Float[np.ndarray, "n s s 2"]:
+    """`window_edges` of any number of windows, in batches of one size so that one shape is compiled."""
+    found = []
+    for first in range(0, len(images), WINDOWS_AT_ONCE):
+        batch = images[first : first + WINDOWS_AT_ONCE]
+        filled = np.zeros((WINDOWS_AT_ONCE, *images.shape[1:]), np.float32)
+        filled[: len(batch)] = batch
+        found.append(np.asarray(window_edges(filled, sensor.noise))[: len(batch)])
+    return np.concatenate(found) if found else np.zeros((0, *images.shape[2:], 2), np.float32)
 
 
 @cache
 def needle_deviation(noise: Noise, exposure: float = BRIGHTEST) -> float:
     """By how much a needle may err [rad]: noise of an intensity at this exposure, and model error, both relative."""
-    std = float(intensity_std(np.float32(exposure), noise)) / exposure
+    std = float(intensity_std(np.asarray(exposure, np.float32), noise)) / exposure
     return float(np.hypot(std, MODEL_ERROR))
 
 

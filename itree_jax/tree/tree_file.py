@@ -26,7 +26,7 @@ from itree_jax.tree.packing import Arrays, pack, unpack
 from itree_jax.tree.tree import InterpretationTree
 
 FORMAT = "itree-jax interpretation tree"
-FORMAT_VERSION = 1  # raised when an earlier reader would misread the file
+FORMAT_VERSION = 2  # raised when a reader of one version would misread files of the other; 2: windows of a few sizes
 HEADER, HEADER_SUM = "header.json", "header.sha256"
 FIRST_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the time of writing must not change the bytes
 ZIP_MAGIC = b"PK\x03\x04"

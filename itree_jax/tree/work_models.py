@@ -64,9 +64,10 @@ def relation_agreement(features: RegionFeatures, models: GroupModels) -> Float[A
     misfit = brother_misfit(
         features.brothers[None, None, :, None], models.brothers[:, :, None], unique[..., None, None]
     )  # [groups, exemplars, seen, stored]
-    found = jnp.sum(1.0 - jnp.min(misfit, axis=-2) / MOST_MISFIT, axis=-1)
     stored = jnp.sum(models.brothers[..., THERE], axis=-1)
     seen = jnp.minimum(jnp.sum(features.brothers[..., THERE]), STORED_BROTHERS)
+    found = jnp.sum(1.0 - jnp.min(misfit, axis=-2) / MOST_MISFIT, axis=-1)
+    found = jnp.minimum(found, seen)  # one region may fit two that are as far away, and is but one of them
     agreement = (found + ALONE) / (0.5 * (stored + seen) + ALONE)
     return jnp.max(jnp.where(models.there, agreement, 0.0), axis=-1)
 

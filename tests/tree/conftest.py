@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull
 
 from itree_jax.features.inertia import FaceInertia
 from itree_jax.features.region import RegionFeatures
+from itree_jax.features.relation import BROTHER_FIELDS, MOST_BROTHERS
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import Appearances, appearances
@@ -53,10 +54,14 @@ def features_of_row(table: Appearances, row: int) -> RegionFeatures:
     """An appearance as a region that was observed; what a table doesn't keep is 0."""
     I_max, I_min, alpha, uniqueness = table.inertia[row]
     zero, two = np.float32(0.0), np.zeros(2, np.float32)
+    beside = np.zeros((MOST_BROTHERS, BROTHER_FIELDS), np.float32)
+    beside[: table.brothers.shape[1]] = table.brothers[row]
     return RegionFeatures(
         inertia=FaceInertia(zero, two, I_max, I_min, alpha, uniqueness), outline=table.outline[row],
         egi=table.egi[row], mass_centre=table.mass_centre[row], mean_normal=table.mean_normal[row],
-        normal_scatter=two, area=table.area[row],
+        normal_scatter=two, area=table.area[row], shares=table.shares[row],
+        characteristic_map=table.characteristic_map[row].astype(np.float32),
+        edge_map=table.edge_map[row].astype(np.float32), brothers=beside,
     )  # fmt: skip
 
 

@@ -8,18 +8,10 @@ from itree_cad.primitives import sphere_part
 from itree_kernels.apparent import cast_apparent_shapes
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.tree.appearances import (
-    MOST_REGIONS,
-    WINDOW_SIZE,
-    appearances,
-    interpretable,
-    largest_regions,
-    mesh_reach,
-    turned,
-    window_camera,
-)
+from itree_jax.tree.appearances import WINDOW_SIZE, appearances, interpretable, mesh_reach, turned, window_camera
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import roll_rotation
+from itree_jax.tree.sights import MOST_REGIONS, largest_regions
 
 RADIUS = 25.0
 

@@ -1,5 +1,6 @@
 """Determination: turns that are rotations, comparisons beside plain NumPy, and rolled views found again."""
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -31,7 +32,8 @@ from itree_jax.tree.determination_rules import (
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import roll_rotation
 
-SCALES = DeterminationScales(*map(jnp.float32, [0.12, 0.05, 0.1, 0.03, 0.2, 0.15]))
+SCALES = DeterminationScales(*map(jnp.float32, [0.12, 0.05, 0.1, 0.03, 0.2, 0.15, 0.1, 0.1, 0.1, 0.1, 0.01]))
+NONE_USED = np.zeros((1, 8), np.float32)
 ROLL_STEP = np.pi / 6.0
 NO_TURNS, NO_AXES = jnp.eye(3)[None], jnp.zeros((0, 3))
 towards_viewer = st.tuples(st.floats(-1, 1), st.floats(-1, 1)).map(
@@ -97,7 +99,7 @@ def test_egi_elsewhere_is_0_of_a_part_and_1_of_something_else():
 
 @pytest.fixture(scope="module")
 def rows(gem_table):
-    return appearance_arrays(gem_table, np.zeros(60, int))
+    return appearance_arrays(gem_table, NONE_USED)
 
 
 class Seen(NamedTuple):
@@ -221,8 +223,8 @@ def test_every_appearance_has_a_turn_within_its_roll(rows, gem_table, as_feature
 
 
 def test_the_prior_of_groups_decides_between_like_appearances(gem_table, as_features):
-    group = np.arange(60) // 30
-    rows = appearance_arrays(gem_table, group)
+    halves = replace(gem_table, group=gem_table.view // 30)
+    rows = appearance_arrays(halves, np.zeros((2, 8), np.float32))
     features = as_features(gem_table, 7)
     find = jax.jit(partial(shape_candidates, most=40, roll_step=ROLL_STEP))
     for wanted in (0, 1):

@@ -1,0 +1,131 @@
+"""Twenty machine parts for forests: the five bundled ones and fifteen built here by CSG, 40 to 100 mm [mm]."""
+
+from collections.abc import Callable
+
+from itree_cad.bundled import BUNDLED_PARTS, bundled_part, part_from_solid
+from itree_cad.csg import Edge, Solid, Surface, arc, box, cylinder, extrude, lathe, polygon
+from itree_cad.part import Part
+
+
+def plane(name: str) -> Surface:
+    return Surface("plane", name)
+
+
+def shaft(*steps: tuple[float, float]) -> Solid:
+    """Cylinders (radius, length) one on another along z."""
+    section, z = [(0.0, 0.0, "plane", "foot")], 0.0
+    for k, (radius, length) in enumerate(steps):
+        section += [(radius, z, "cylinder", f"step {k}"), (radius, z + length, "plane", f"shoulder {k}")]
+        z += length
+    section.append((0.0, z, "plane", "axis"))
+    return lathe([Edge(r, z, Surface(kind, name)) for r, z, kind, name in section])
+
+
+def bar(points: list[tuple[float, float]], length: float) -> Solid:
+    """A polygon swept along z."""
+    return extrude(polygon(points, "side"), 0.0, length, plane("end 0"), plane("end 1"))
+
+
+def hole(radius: float, x: float, y: float, depth: float = 100.0) -> Solid:
+    """A hole along z through everything, or from z = 0 up."""
+    return cylinder(radius, -depth, depth, f"hole at {x} {y}").moved(x=x, y=y)
+
+
+def t_slot_block() -> Solid:
+    return box((0, 0, 0), (56, 40, 30), "block") - box((-1, 15, 14), (57, 25, 31), "slot") - hole(5.0, 12, 7)
+
+
+def wedge() -> Solid:
+    return bar([(0, 0), (60, 0), (60, 12), (18, 34), (0, 34)], 28.0) - hole(6.0, 14, 17)
+
+
+def channel() -> Solid:
+    return bar([(0, 0), (44, 0), (44, 26), (37, 26), (37, 7), (7, 7), (7, 18), (0, 18)], 64.0)
+
+
+def stepped_pin() -> Solid:
+    return shaft((16.0, 14.0), (9.0, 30.0), (12.0, 18.0)) - box((9, -20, -1), (20, 20, 15), "flat")
+
+
+def flange() -> Solid:
+    body = shaft((32.0, 9.0), (17.0, 22.0)) - cylinder(11.0, -1.0, 40.0, "bore")
+    for x, y in ((25, 0), (-25, 0), (0, 25)):
+        body = body - hole(3.5, x, y)
+    return body
+
+
+def cross_block() -> Solid:
+    return box((-36, -10, 0), (36, 10, 18), "long") + box((-12, -26, 0), (8, 26, 12), "short") - hole(6.0, -22, 0)
+
+
+def rocker() -> Solid:
+    outline = [
+        *arc((0.0, 0.0), 15.0, 90.0, 270.0, Surface("cylinder", "large end")),
+        Edge(0.0, -15.0, plane("flank 0")),
+        *arc((52.0, 0.0), 9.0, -90.0, 90.0, Surface("cylinder", "small end")),
+        Edge(52.0, 9.0, plane("flank 1")),
+    ]
+    body = extrude(outline, 0.0, 14.0, plane("bottom"), plane("top")) + cylinder(12.0, 13.0, 26.0, "boss")
+    return body - hole(7.0, 0, 0) - hole(4.0, 52, 0)
+
+
+def hexagon_cap() -> Solid:
+    corners = [(20.0, 0.0), (10.0, 17.3), (-10.0, 17.3), (-20.0, 0.0), (-10.0, -17.3), (10.0, -17.3)]
+    return bar(corners, 16.0) + cylinder(12.0, 15.0, 44.0, "neck") - cylinder(7.0, 20.0, 50.0, "bore")
+
+
+def stair() -> Solid:
+    return bar([(0, 0), (58, 0), (58, 10), (40, 10), (40, 20), (22, 20), (22, 30), (0, 30)], 36.0)
+
+
+def pillow_block() -> Solid:
+    outline = [
+        Edge(-36.0, 0.0, plane("base")),
+        Edge(36.0, 0.0, plane("base end 0")),
+        Edge(36.0, 9.0, plane("base top 0")),
+        Edge(18.0, 9.0, plane("cheek 0")),
+        *arc((0.0, 26.0), 18.0, 0.0, 180.0, Surface("cylinder", "crown")),
+        Edge(-18.0, 26.0, plane("cheek 1")),
+        Edge(-18.0, 9.0, plane("base top 1")),
+        Edge(-36.0, 9.0, plane("base end 1")),
+    ]
+    body = extrude(outline, 0.0, 24.0, plane("front"), plane("back"))
+    return body - hole(10.0, 0, 26)
+
+
+def gusset_angle() -> Solid:
+    angle = bar([(0, 0), (46, 0), (46, 7), (7, 7), (7, 38), (0, 38)], 30.0)
+    return angle - cylinder(5.0, -1.0, 20.0, "foot hole").turned(x=-90.0).moved(x=28.0, z=15.0)
+
+
+def long_plate() -> Solid:
+    body = box((0, 0, 0), (90, 26, 7), "plate") - hole(7.0, 16, 13) - hole(7.0, 70, 13)
+    return body - box((36, 18, -1), (52, 27, 8), "notch")
+
+
+def square_plate() -> Solid:
+    body = box((0, 0, 0), (54, 54, 6), "plate") - hole(14.0, 27, 27) - hole(3.5, 8, 8)
+    return body - box((42, 42, -1), (55, 55, 7), "notch")
+
+
+def knob() -> Solid:
+    return shaft((12.0, 12.0), (7.0, 10.0), (22.0, 18.0)) - box((-30, 12, 21), (30, 30, 50), "flat")
+
+
+def dovetail() -> Solid:
+    return bar([(0, 0), (50, 0), (50, 12), (38, 12), (44, 26), (6, 26), (12, 12), (0, 12)], 42.0)
+
+
+BUILDERS: dict[str, Callable[[], Solid]] = {
+    build.__name__.replace("_", "-"): build
+    for build in (
+        t_slot_block, wedge, channel, stepped_pin, flange, cross_block, rocker, hexagon_cap, stair, pillow_block,
+        gusset_angle, long_plate, square_plate, knob, dovetail,
+    )
+}  # fmt: skip
+PART_NAMES = (*BUNDLED_PARTS, *BUILDERS)
+
+
+def forest_part(name: str) -> Part:
+    """One of `PART_NAMES`."""
+    return part_from_solid(name, BUILDERS[name]()) if name in BUILDERS else bundled_part(name)
