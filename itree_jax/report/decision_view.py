@@ -15,6 +15,7 @@ from itree_jax.tree.tree import InterpretationTree
 SIDES = ("visible", "hidden")
 MOST_LABELS = 6  # of groups named on one side
 KINDS = (("whole", "error_whole"), ("cut", "error_cut"))  # regions that errors are measured on
+TOLD = ("branch", "error_rate", "error_whole", "error_cut", "joined_with")  # in the heading and its chips
 WORDS = {"open": "left open", "alternatives": "no rule tells it from", "rivals": "evidence of rivals"}
 
 
@@ -121,7 +122,7 @@ def plain_comparison(step: Step) -> str:
         cells += [
             (text(WORDS.get(key, key.replace("_", " "))), shown(value))
             for key, value in step.compared_with.items()
-            if key not in ("error_rate", "branch")
+            if key not in TOLD
         ]
     elif step.compared_with is not None:
         cells.append(("compared with", shown(step.compared_with)))

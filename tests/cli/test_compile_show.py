@@ -105,6 +105,30 @@ def test_show_writes_a_page(itree, paper_tree_file, tmp_path):
     assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
 
+@pytest.mark.parametrize("switch", [[], ["--branches"]])
+def test_show_writes_the_tree_alone(itree, paper_tree, paper_tree_file, tmp_path, switch):
+    picture = tmp_path / "tree.svg"
+    ran = itree("show", paper_tree_file, "--svg", picture, *switch)
+    assert (ran.code, ran.out, ran.err) == (0, f"wrote {picture}\n", "")
+    text = picture.read_text(encoding="utf-8")
+    shown = [label in text for label in paper_tree.groups.label_strings]
+    assert shown == ([True] * 7 if switch else (~paper_tree.groups.pruned).tolist())
+
+
+def test_show_writes_page_picture_and_json_in_one_go(itree, paper_tree_file, tmp_path):
+    page, picture = tmp_path / "tree.html", tmp_path / "tree.svg"
+    ran = itree("show", paper_tree_file, "--html", page, "--svg", picture)
+    assert ran.out == f"wrote {page}\nwrote {picture}\n"
+    ran = itree("show", paper_tree_file, "--json", "--svg", picture)
+    assert json.loads(ran.out)["part"]["name"] == "ikeuchi-1987"
+
+
+def test_show_says_that_branches_need_a_picture(itree, paper_tree_file):
+    ran = itree("show", paper_tree_file, "--branches")
+    assert (ran.code, ran.out) == (2, "")
+    assert "give --svg FILE as well" in ran.err
+
+
 def test_show_refuses_what_is_no_tree(itree, tmp_path):
     (tmp_path / "a.tree").write_text("no tree")
     for name, words in (("a.tree", "is not a tree file"), ("b.tree", "there is no tree file")):

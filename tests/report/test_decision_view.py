@@ -12,10 +12,17 @@ from itree_cad.symmetry import Symmetries
 from scipy.spatial.transform import Rotation
 
 from itree_jax.detections import Detection, Step
-from itree_jax.report.decision_view import decision_path_view, shown
-from itree_jax.report.distribution_strip import BINS, WIDTH, distribution_strip, side_samples
+from itree_jax.report.decision_view import decision_path_view, samples_of_sides, shown
+from itree_jax.report.distribution_strip import BINS, WIDTH, distribution_strip
 from itree_jax.report.markup import count_of, data_uri, number, percent
+from itree_jax.report.rule_titles import rule_title
 from itree_jax.report.truth_view import compare
+from itree_jax.tree.classification_rules import CLASSIFICATION_RULES
+from itree_jax.tree.determination_rules import DETERMINATION_RULES
+from itree_jax.tree.node_quantities import node_quantities, side_samples
+from itree_jax.tree.tree import PRUNED
+
+from ..tree.drawn_trees import with_rules
 
 MINUS = "\N{MINUS SIGN}"
 
@@ -64,15 +71,47 @@ def test_a_strip_of_equal_values_is_drawn(measured):
     assert ("measured" in [e.get("class") for e in root]) == np.isfinite(measured)
 
 
-def test_the_samples_of_a_side_are_those_of_its_groups(tree):
-    nodes, samples = tree.nodes, tree.distributions.samples[0]
-    kept = ~tree.groups.pruned
-    for k in range(len(nodes.branch)):
-        own = side_samples(tree, k, tree.distributions.rules[0], True)
-        count = int((~np.isnan(samples[nodes.visible[k] & kept][..., 0])).sum())
-        assert (0 if own is None else len(own)) == count
-    assert side_samples(tree, 0, "L7", True) is None
-    assert side_samples(tree, 99, "L1", True) is None
+def test_the_samples_beside_a_quantity_are_those_of_its_name(tree):
+    """Of a pair of rules and of agreements as well; a step that the tree doesn't know has none."""
+    pair = with_rules(tree, ("L1+L6", *tree.nodes.rule[1:]))
+    for node in np.flatnonzero([rule != PRUNED for rule in pair.nodes.rule]).tolist():
+        found = samples_of_sides(pair, Step(node, pair.nodes.rule[node], None, None, None))
+        assert list(found) == [q.name for q in node_quantities(pair, node)]
+        for k, (visible, hidden) in enumerate(found.values()):
+            np.testing.assert_array_equal(visible, side_samples(pair, node, pair.nodes.visible[node])[:, k])
+            np.testing.assert_array_equal(hidden, side_samples(pair, node, pair.nodes.hidden[node])[:, k])
+    assert samples_of_sides(pair, Step(0, "L5", None, None, None)) == {}
+    assert samples_of_sides(pair, Step(99, "L1", None, None, None)) == {}
+
+
+def test_a_step_of_a_joined_branch_tells_with_which_and_how_whole_and_cut_regions_err(tree):
+    compared = {"branch": "B1", "joined_with": "B0", "error_rate": 0.1, "error_whole": 0.05, "error_cut": 0.15}
+    html = decision_path_view(tree, [Step(1, "L1+L6", None, compared, 2.0)])
+    assert "original face inertia and region distribution" in html
+    assert "joined with B0" in html
+    assert "errs in 10.0 % (whole 5.0 %, cut 15.0 %)" in html
+    assert html.count("joined") == html.count("5.0 %") - 1 == 1  # the numbers are nowhere else
+
+
+def test_the_last_steps_tell_what_is_open_and_what_else_it_may_be(tree):
+    compared = {"group": "110", "open": "2 rotations", "alternatives": ["101", "011"]}
+    steps = [
+        Step(8, "refinement", None, compared, None, "viewer direction 0, rotation 2 candidates", "unique"),
+        Step(9, "verification", {"evidence": 12.5}, {"rivals": []}, None, "unique", "unique"),
+    ]
+    html = decision_path_view(tree, steps)
+    assert "no rule tells it from</dt><dd>101, 011" in html
+    assert "left open</dt><dd>2 rotations" in html
+    assert "rotation 2 candidates <b>→</b> unique" in html
+    assert html.count("<b>→</b>") == 1  # verification takes no freedom away
+    assert "evidence of rivals</dt><dd>none" in html
+
+
+def test_every_rule_has_the_title_of_its_family():
+    for rule in (*CLASSIFICATION_RULES, *DETERMINATION_RULES):
+        assert rule_title(rule.name) == rule.title
+    assert rule_title("L1+L7").split(" and ") == [CLASSIFICATION_RULES[0].title, CLASSIFICATION_RULES[6].title]
+    assert rule_title("unheard of") == ""
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The tree's picture: every node and leaf once, no crossing edges, the path of decision_path in bold."""
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +10,22 @@ import pytest
 from itree_jax.decision_path import determination_steps
 from itree_jax.detections import Step
 from itree_jax.report.svg_file import write_svg_tree
-from itree_jax.report.svg_tree import svg_tree
+from itree_jax.report.svg_tree import Figure, svg_tree
 from itree_jax.report.tree_layout import faces_asked, layout
 from itree_jax.report.tree_path import group_reached
-from itree_jax.tree.drawing import branch_drawing, interpretation_drawing, leaf_names, node_name
+from itree_jax.tree.drawing import Drawing, branch_drawing, interpretation_drawing, leaf_names, node_name
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 from ..tree.drawn_trees import random_tree, relabelled, with_rules, with_steps
 
-FIGURES = {"interpretation": interpretation_drawing, "branches": branch_drawing}
+FIGURES: dict[Figure, Callable[[InterpretationTree], Drawing]] = {
+    "interpretation": interpretation_drawing,
+    "branches": branch_drawing,
+}
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def parsed(tree: InterpretationTree, group: int | None = None, figure="interpretation") -> ET.Element:
+def parsed(tree: InterpretationTree, group: int | None = None, figure: Figure = "interpretation") -> ET.Element:
     return ET.fromstring(svg_tree(tree, group, figure))
 
 

@@ -8,7 +8,9 @@ from itree_cad.symmetry import Symmetries
 from itree_jax.report.ambiguities import ambiguity_notes
 from itree_jax.report.attitude_pictures import attitude_cutouts, covering_views, face_cutouts, part_views
 from itree_jax.report.tree_page import write_tree_page
-from itree_jax.tree.describe import AMBIGUOUS
+from itree_jax.tree.confusion import AMBIGUOUS
+from itree_jax.tree.drawing import interpretation_drawing
+from itree_jax.tree.tree import InterpretationTree
 
 
 def test_the_page_shows_every_group_branch_and_face(tmp_path, tree, self_contained):
@@ -16,13 +18,15 @@ def test_the_page_shows_every_group_branch_and_face(tmp_path, tree, self_contain
     write_tree_page(tmp_path / "t.html", replace(tree, part=replace(tree.part, name=name)))
     page = self_contained((tmp_path / "t.html").read_text(encoding="utf-8"))
     groups, views = tree.groups, len(face_cutouts(tree)[0])
-    assert page.count("img") == groups.group_count + views
-    assert page.count("svg", "tree") == 1
+    turned = int((tree.determination.rotations_left[~groups.pruned] != 1).sum())
+    assert page.count("img") >= groups.group_count + views + turned
+    assert page.count("svg", "tree") == 2
     assert page.count("svg", "tree has-path") == 0
     kept = int((~groups.pruned).sum())
-    rows = len(groups.identifying_faces) + groups.group_count + len(tree.nodes.branch) + kept + 6  # 6 of the sensor
-    heads = 5
-    assert page.count("tr") == rows + heads
+    assert page.count("article", "leaf") == kept
+    assert page.count("article", "node") == len(interpretation_drawing(tree).nodes)
+    assert page.count("svg", "panel") >= 3 * kept
+    assert page.count("tr") > len(groups.identifying_faces) + groups.group_count + len(tree.nodes.branch) + 2 * kept
     for label in groups.label_strings:
         assert label in page.text
     assert name in page.text
@@ -65,19 +69,23 @@ def test_the_views_chosen_show_every_identifying_face(tree):
     assert len(chosen) == len(set(chosen)) <= 6
 
 
-def test_ambiguities_are_the_branches_over_the_bound(tree):
-    branch_count = len(tree.nodes.branch)
-    error = np.linspace(0.0, 2.0 * AMBIGUOUS, branch_count).astype(np.float32)
-    rule = tuple("pruned" if k == branch_count - 1 else "L1" for k in range(branch_count))
+def pair_errors(tree, error: float) -> InterpretationTree:
+    """A tree whose two first leaves every rule confuses at this rate, and no other two."""
+    pair = np.zeros((tree.groups.group_count, tree.groups.group_count), np.float32)
+    pair[0, 1] = pair[1, 0] = error
     left = np.ones(tree.groups.group_count, np.int32)
-    sure = replace(
-        tree, nodes=replace(tree.nodes, error=error, rule=rule),
+    return replace(
+        tree, confusion=replace(tree.confusion, pair_error=pair),
         determination=replace(tree.determination, rotations_left=left),
     )  # fmt: skip
-    expected = [tree.nodes.branch[k] for k in reversed(range(branch_count - 1)) if error[k] > AMBIGUOUS]
-    assert [note.split(":")[0] for note in ambiguity_notes(sure)] == expected
-    none = replace(sure, nodes=replace(sure.nodes, error=np.zeros(branch_count, np.float32)))
-    assert ambiguity_notes(none) == ()
+
+
+def test_ambiguities_are_the_pairs_over_the_bound(tree):
+    first, second, *_ = tree.groups.label_strings
+    (note,) = ambiguity_notes(pair_errors(tree, AMBIGUOUS + 0.01))
+    assert note.startswith(f"{first} and {second}: the best rule between them ({tree.confusion.pair_rule[0][1]})")
+    assert "26.0 %" in note
+    assert ambiguity_notes(pair_errors(tree, AMBIGUOUS)) == ()
 
 
 def test_symmetries_and_open_rotations_are_told(tree):
@@ -86,8 +94,7 @@ def test_symmetries_and_open_rotations_are_told(tree):
     left = np.where(np.arange(tree.groups.group_count) == 1, 2, 1).astype(np.int32)
     symmetric = replace(
         tree, symmetries=Symmetries(np.stack([np.eye(4), flip]), (axis,)),
-        nodes=replace(tree.nodes, error=np.zeros(len(tree.nodes.branch), np.float32)),
-        determination=replace(tree.determination, rotations_left=left),
+        confusion=pair_errors(tree, 0.0).confusion, determination=replace(tree.determination, rotations_left=left),
     )  # fmt: skip
     revolution, turns, two = ambiguity_notes(symmetric)
     assert "(0.00, 0.00, 1.00)" in revolution

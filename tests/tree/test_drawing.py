@@ -1,4 +1,4 @@
-"""Figures 3 and 4: every branch and group of the tree is in the drawing once, and the sides are those of the branches."""
+"""Figures 3 and 4: every branch and group of the tree is drawn once, and the sides are those of the branches."""
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from itree_jax.tree.drawing import (
 from itree_jax.tree.freedom import Freedom, freedom_along
 from itree_jax.tree.joining import tops
 from itree_jax.tree.tree import PRUNED, InterpretationTree
+
 from .drawn_trees import random_tree, with_rules, with_steps
 
 
@@ -85,7 +86,11 @@ def test_the_papers_b0_and_b1_are_one_node_of_three_sides(paper_tree):
 def test_a_chain_tells_the_freedom_that_each_rule_takes(paper_tree):
     """Sec. 2.2.2: A1 the viewer direction, A4 all rotations but two, A5 one of them."""
     tree = with_steps(paper_tree, 0, ("A1", "A4", "A5"), 1)
-    assert determination_chain(tree, 0) == [("A1", "direction 2 → 0"), ("A4", "rotation 360 → 2"), ("A5", "rotation 2 → 1")]
+    assert determination_chain(tree, 0) == [
+        ("A1", "direction 2 → 0"),
+        ("A4", "rotation 360 → 2"),
+        ("A5", "rotation 2 → 1"),
+    ]
     assert left_open(tree, 0) == "unique"
     assert left_open(with_steps(paper_tree, 0, ("A1", "A4"), 2), 0) == "2 rotations open"
     assert left_open(with_steps(paper_tree, 0, (), 0), 0) == "direction, rotation open"
