@@ -55,7 +55,7 @@ def scene_edges(images: Float[np.ndarray, "lights h w"], noise) -> Float[jax.Arr
 
     @jax.jit
     def strength(images: jax.Array) -> jax.Array:
-        found = seen_by(edge_map(images, intensity_std(images, noise)), images.shape[0])
+        found = seen_by(edge_map(images, jnp.asarray(intensity_std(images, noise))), images.shape[0])
         return jnp.sqrt(jnp.sum(found**2, axis=-1))
 
     return strength(jnp.asarray(images))

@@ -99,7 +99,7 @@ def region_of_brother(r: Recognised, k: int) -> int:
 
 def relation_table(r: Recognised, k: int) -> str:
     """The relation vector, measured and of the representative attitude's regions under the half turn that fits."""
-    rows = [relation_row("measured", r.features.brothers[k])]
+    rows = [relation_row("measured", np.asarray(r.features.brothers[k]))]
     for model in r.with_brother:
         b = model.brothers[0].copy()
         if b[:2] @ r.features.brothers[k][:2] < 0:
