@@ -64,14 +64,15 @@ def case_body(page: CasePage) -> str:
     r = page.recognised
     case, mesh = r.case, r.interpretation.prepared.model.mesh
     rotations = two_rotations(r)
-    brother = "" if case.number == 1 else brother_figure(r, mesh)
+    shape = shape_figure(r, rotations)
+    beside = shape if case.number == 1 else f'{brother_figure(r, mesh)}<div style="grid-column:1/-1">{shape}</div>'
     return f"""<header><p class="eyebrow"><a href="index.html">Cases 1 to 3</a> · Ikeuchi 1987, section {case.section},
 figures {text(case.figures)}</p>
 <h1>{text(page_title(case))}</h1>
 <p class="muted">{NOTE} {chosen(page)}</p>{tiles(key_figures(page))}</header>
-<section><h2>Input (5a to 5d)</h2>{three_columns(input_figures(r))}</section>
+<section><h2>Input (5a to 5d)</h2><div class="grid">{input_figures(r)}</div></section>
 <section><h2>The target region</h2>{models_note(r)}
-<div class="grid">{region_figure(r)}{brother}{shape_figure(r, rotations)}</div>
+<div class="grid" style="align-items:start">{region_figure(r)}{beside}</div>
 </section>
 <section><h2>Edges under the two possible rotations</h2><div class="grid">{edge_figures(r, rotations)}</div></section>
 <section><h2>Surface characteristic distribution</h2>
