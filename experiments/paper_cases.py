@@ -56,7 +56,7 @@ def main(config: Config) -> Path:
         counted = instances(case, prepared, config.instances, OTHERS + config.seed)
         for page in case_pages(case, prepared, config.seed):
             shown = page if page.failed else replace(page, instances=counted[0], instances_unfair=counted[1])
-            write_case(config.output, shown)
+            print(write_case(config.output, shown), flush=True)
             pages.append(shown)
     return write_index(config.output, pages)
 
