@@ -7,19 +7,18 @@ attitude of its group and the scene is recognised; the page shows every stage of
 further scenes are recognised, and counted. Needs the physics engine (extra `sim`).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
-from itree_cad.bundled import bundled_part
-
 from cases.case import CASES, Case
-from cases.instances import Instance, fair_scene, instances
+from cases.instances import fair_scene, instances
 from cases.page import CasePage, write_case, write_index
 from cases.recognised import recognise
+from itree_cad.bundled import bundled_part
+
 from itree_jax.cli.runtime import start_jax
 from itree_jax.compile import compile_tree
 from itree_jax.prepared import Prepared, prepare
@@ -57,24 +56,25 @@ def main(config: Config) -> Path:
         counted = instances(case, prepared, config.instances, OTHERS + config.seed)
         for page in case_pages(case, prepared, config.seed):
             shown = page if page.failed else replace(page, instances=counted[0], instances_unfair=counted[1])
-            write_case(config.output, shown)
+            print(write_case(config.output, shown), flush=True)
             pages.append(shown)
     return write_index(config.output, pages)
 
 
-def case_pages(case: Case, prepared: Prepared, seed: int) -> Iterator[CasePage]:
+def case_pages(case: Case, prepared: Prepared, seed: int) -> list[CasePage]:
     """The first fair scene near the representative attitude, whatever comes of it; if the tree leads it to another
     group, then also the first of the next ones that it leads to the right one."""
-    failed: list[Instance] = []
+    first, failed = None, []
     while len(failed) < MOST_FAILURES:
         tries = fair_scene(case, prepared, seed, NEAR_REPRESENTATIVE)
         page = CasePage(recognise(case, tries.measured, prepared), tries.seed, tries.unfair, failed=tuple(failed))
-        if not failed or page.own.group_right:
-            yield page
+        first = first or page
         if page.own.group_right:
-            return
+            return [page] if first is page else [replace(first, right_later=True), page]
         failed.append(page.own)
         seed = tries.seed + 1
+    assert first is not None
+    return [first]
 
 
 def paper_tree() -> InterpretationTree:

@@ -84,7 +84,7 @@ def surface_points(
 ) -> Float[np.ndarray, "points 3"]:
     """Vertices, and points spread over the surface [mm]."""
     solid = trimesh.Trimesh(vertices, triangles, process=False)
-    points, _ = trimesh.sample.sample_surface(solid, PROBES, seed=0)
+    points = trimesh.sample.sample_surface(solid, PROBES, seed=0)[0]
     return np.concatenate([vertices, points])
 
 

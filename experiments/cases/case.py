@@ -37,7 +37,8 @@ def group_labelled(tree: InterpretationTree, label: str) -> int:
     if len(found) == 0:
         raise ItreeError(
             f"the tree of {tree.part.name!r} has no attitude group {label}, but "
-            f"{', '.join(tree.groups.label_strings)}: the cases of the paper need its part; compile bundled:ikeuchi-1987 for bundled:bench"
+            f"{', '.join(tree.groups.label_strings)}: the cases of the paper need its part; "
+            "compile bundled:ikeuchi-1987 for bundled:bench with policy paper"
         )
     return int(found[0])
 

@@ -20,6 +20,7 @@ from itree_jax.report.markup import figure, image, number, swatches
 from itree_jax.report.palette import GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, css
 
 COLOURS = (SKY, ORANGE, GREEN, PURPLE, VERMILLION)  # of CHARACTERISTICS
+WIDTH = 520  # [px]: three pictures stand side by side
 AGREES = 0.5  # of a rectangle
 PAPER = (250, 250, 250)
 
@@ -117,7 +118,7 @@ def plain_canvas(r: Recognised) -> Canvas:
     """The region white on grey."""
     mask = r.measured.found.mask(HIGHEST)
     picture = np.where(mask[..., None], np.uint8(PAPER[0]), (0.35 * r.view.background).astype(np.uint8))
-    return Canvas(picture, box_around(mask))
+    return Canvas(picture, box_around(mask), WIDTH)
 
 
 def paint(canvas: Canvas, r: Recognised, where: np.ndarray, kind: Int[np.ndarray, "s s"]) -> None:

@@ -29,8 +29,9 @@ def step_table(r: Recognised) -> str:
     head = ["node", "rule", "measured", "margin [nat]", "errs in", "freedom before", "after"]
     rows = [step_row(r, step) for step in r.steps]
     note = (
-        '<p class="muted">Margins are log-likelihoods by which the side taken beats the other, errors were measured when '
-        "the tree was compiled. Lengths in inertia are natural logarithms of mm. Group probabilities, all nodes together: "
+        '<p class="muted">Margins are log-likelihoods by which the side taken beats the other, errors were measured '
+        "when the tree was compiled. Logarithms are natural, of lengths in mm. Probabilities of the groups, all nodes "
+        "together: "
         f"{probabilities(r)}.</p>"
     )
     return table(head, rows, numeric=(3, 4)) + note
@@ -85,8 +86,8 @@ def against_paper(r: Recognised) -> str:
     over = [f"{rule} leaves {percent(errors[rule])}" for rule in missing if errors[rule] >= ERROR_BOUND]
     if over:
         said.append(
-            f"A rule is adopted when it leaves less than {percent(ERROR_BOUND, 0)} of the group's noisy draws (any viewer "
-            f"direction within it, not the representative one alone) beyond 20° of the truth: {'; '.join(over)}."
+            f"A rule is adopted when it leaves less than {percent(ERROR_BOUND, 0)} of the group's noisy draws (any "
+            f"viewer direction within it, not the representative one alone) beyond 20° of the truth: {'; '.join(over)}."
         )
     under = [rule for rule in missing if errors[rule] < ERROR_BOUND]
     if under:
@@ -126,8 +127,8 @@ def rule_table(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
     head = ["rule", "", "errs in", "paper", "this tree", "penalty, a [nat]", "penalty, b [nat]", "prefers"]
     note = (
         f'<p class="muted">Errors in group {attitude_name(tree.groups.label_strings[group])}. Penalties: the least of '
-        "the group's appearances that lie nearer to rotation a or to b, A1, A3 and A4 included; a difference under 1 nat "
-        f"decides nothing. {equal_words(said)}</p>"
+        "the group's appearances that lie nearer to rotation a or to b, A1, A3 and A4 included; a difference under 1 "
+        f"nat decides nothing. {equal_words(said)}</p>"
     )
     return table(head, rows, numeric=(2, 5, 6, 7)) + note
 
@@ -137,8 +138,8 @@ def equal_words(said: dict[str, tuple[float, float]]) -> str:
     if any(abs(a - b) >= UNDECIDED for a, b in said.values()):
         return ""
     return (
-        "Here no rule tells the two apart: turned by half, the part looks nearly the same from another viewer direction "
-        "of the group, and what tells its ends apart (the slot, the hole) is not in the region."
+        "Here no rule tells the two apart: turned by half, the part looks nearly the same from another viewer "
+        "direction of the group, and what tells its ends apart (the slot, the hole) is not in the region."
     )
 
 

@@ -11,6 +11,7 @@ from itree_jax.features.straight_edges import LEAST_STRENGTH
 from itree_jax.report.markup import figure, image, number, swatches
 from itree_jax.report.palette import GREY, VERMILLION, WHITE, YELLOW, css
 
+FIGURE = {1: "As 7c", 2: "7c", 3: "8c"}
 FOUND = 0.5  # of an edge's length: it exists
 DOTS, AREAS, EDGES, NOT_THERE = WHITE, YELLOW, VERMILLION, GREY
 
@@ -39,11 +40,12 @@ def edge_figure(r: Recognised, rotation: Rotation, right: bool) -> str:
         (css(DOTS), "edge map (dots)"), (css(AREAS), "search area (broken)"), (css(EDGES), "edge found (solid)"),
         (css(NOT_THERE), "edge not found (thin)"),
     ])  # fmt: skip
-    title = f"{'8c' if r.case.number == 3 else '7c'} · Edges under rotation {rotation.name}"
+    together = number(mean_support(rotation, support), 2)
+    title = f"{FIGURE[r.case.number]} · Edges under rotation {rotation.name}"
     caption = (
-        f"Model: region of faces {rotation.model.faces}, {len(edges)} edges. Numbers: share of an edge along which the "
-        f"map has an edge of its direction; together, by length, <b>{number(mean_support(rotation, support), 2)}</b>. This "
-        f"rotation is the {'right' if right else 'wrong'} one in truth."
+        f"Model: region of faces {rotation.model.faces}, {len(edges)} edges. Numbers: share of an edge along which "
+        f"the map has an edge of its direction; together, by length, <b>{together}</b>. This rotation is the "
+        f"{'right' if right else 'wrong'} one in truth."
     )
     return figure(image(canvas.picture, f"edges under rotation {rotation.name}"), title, caption, legend)
 

@@ -15,6 +15,7 @@ from itree_jax.report.scene_figures import depth_figure, needle_colour_figure, n
 from itree_jax.report.scene_pictures import Picture, innermost, scaled
 from itree_jax.sensing.noise_model import intensity_std
 
+BRIGHTNESS = 0.75  # of the scene, so that a white arrow stands out
 ARROW = 95.0  # [px] in the image
 SHOWN_WIDTH = 960  # [px] of a whole scene
 
@@ -27,12 +28,12 @@ def input_figures(r: Recognised) -> str:
 
 def scene_figure(r: Recognised) -> str:
     height, width = r.view.background.shape[:2]
-    canvas = Canvas(r.view.background, (0, 0, width, height), SHOWN_WIDTH)
+    canvas = Canvas((BRIGHTNESS * r.view.background).astype(np.uint8), (0, 0, width, height), SHOWN_WIDTH)
     tip = innermost(r.measured.found.mask(HIGHEST))
     away = tip - np.array([width, height]) / 2.0
     # from the middle of the bin outward, so that the arrow lies over little else
     away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1.0 else np.array([-1.0, 0.0])
-    canvas.arrow(tip + ARROW * away, tip + 6.0 * away, WHITE, 5)
+    canvas.arrow(tip + ARROW * away, tip + 6.0 * away, WHITE, 8)
     top = r.measured.found.height[HIGHEST]
     caption = f"The arrow points at the highest region, {top:.0f} mm above the floor. Mean of the lit images."
     return figure(image(canvas.picture, "scene with an arrow at its highest region"), "5a · Input scene", caption)
@@ -55,7 +56,7 @@ def scene_edges(images: Float[np.ndarray, "lights h w"], noise) -> Float[jax.Arr
 
     @jax.jit
     def strength(images: jax.Array) -> jax.Array:
-        found = seen_by(edge_map(images, intensity_std(images, noise)), images.shape[0])
+        found = seen_by(edge_map(images, jnp.asarray(intensity_std(images, noise))), images.shape[0])
         return jnp.sqrt(jnp.sum(found**2, axis=-1))
 
     return strength(jnp.asarray(images))

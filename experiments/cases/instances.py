@@ -84,8 +84,8 @@ def instance_table(case: Case, found: Sequence[Instance], reasons: Sequence[str]
     words = (
         f"<p>Attitudes at random anywhere in group {attitude_name(case.label)}, a new pile each time: of "
         f"{count_of(len(found), 'fair instance')} the group was right in <b>{groups}</b>, the pose in <b>{poses}</b> "
-        f"(MSSD under {percent(RIGHT, 0)} of the diameter). {f'Scenes left out as unfair ({left_out}).' if left_out else ''}"
-        "</p>"
+        f"(MSSD under {percent(RIGHT, 0)} of the diameter). "
+        f"{f'Scenes left out as unfair ({left_out}).' if left_out else ''}</p>"
     )
     rows = [
         [str(i.seed), attitude_name(i.group), yes(i.group_right), percent(i.probability, 0), yes(i.pose_right),

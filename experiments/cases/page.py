@@ -21,9 +21,9 @@ from cases.two_rotations import two_rotations
 from itree_jax.report.markup import count_of, number, percent, table, text, tiles, write_page
 
 NOTE = (
-    "A simulated bin: Lambertian parts, no light between them, shot and read noise of the sensor, 0.3 mm of noise in "
-    "the depth map. The part on top was laid there by hand, the others by a physics engine. Everything below is what the "
-    "recognition measured in these images."
+    "A simulated bin: Lambertian parts, no light between them, shot and read noise of the sensor, 0.3 mm of noise "
+    "in the depth map. The part on top was laid there by hand, the others by a physics engine. Everything below is "
+    "what the recognition measured in these images."
 )
 
 
@@ -37,6 +37,8 @@ class CasePage:
     instances: Sequence[Instance] = ()
     instances_unfair: Sequence[str] = ()
     failed: Sequence[Instance] = ()  # fair scenes tried before that the tree led to another group
+
+    right_later: bool = False  # a page of a later scene that was led to the right group is there
 
     @property
     def own(self) -> Instance:
@@ -62,13 +64,15 @@ def case_body(page: CasePage) -> str:
     r = page.recognised
     case, mesh = r.case, r.interpretation.prepared.model.mesh
     rotations = two_rotations(r)
+    shape = shape_figure(r, rotations)
+    beside = shape if case.number == 1 else f'{brother_figure(r, mesh)}<div style="grid-column:1/-1">{shape}</div>'
     return f"""<header><p class="eyebrow"><a href="index.html">Cases 1 to 3</a> · Ikeuchi 1987, section {case.section},
 figures {text(case.figures)}</p>
 <h1>{text(page_title(case))}</h1>
 <p class="muted">{NOTE} {chosen(page)}</p>{tiles(key_figures(page))}</header>
-<section><h2>Input (5a to 5d)</h2>{three_columns(input_figures(r))}</section>
+<section><h2>Input (5a to 5d)</h2><div class="grid">{input_figures(r)}</div></section>
 <section><h2>The target region</h2>{models_note(r)}
-<div class="grid">{region_figure(r)}{"" if case.number == 1 else brother_figure(r, mesh)}{shape_figure(r, rotations)}</div>
+<div class="grid" style="align-items:start">{region_figure(r)}{beside}</div>
 </section>
 <section><h2>Edges under the two possible rotations</h2><div class="grid">{edge_figures(r, rotations)}</div></section>
 <section><h2>Surface characteristic distribution</h2>
@@ -89,14 +93,13 @@ def models_note(r: Recognised) -> str:
     words = f"Work models are those of {r.case.name}, the attitude that was laid on top."
     if r.group != r.wanted:
         words += (
-            f" The tree led this region to {attitude_name(r.tree.groups.label_strings[r.group])}; the pictures show what "
-            "it would have found."
+            f" The tree led this region to {attitude_name(r.tree.groups.label_strings[r.group])}; the pictures show "
+            "what it would have found."
         )
     return f'<p class="muted">{words}</p>'
 
 
 def key_figures(page: CasePage) -> list[tuple[str, str]]:
-    r = page.recognised
     own = page.own
     entries = [
         (attitude_name(own.group), f"group reached; {'right' if own.group_right else 'wrong'}"),
@@ -117,17 +120,18 @@ def chosen(page: CasePage) -> str:
     words = f"The attitude is near that of {r.case.name}, turned at random. "
     if page.failed:
         ended = ", ".join(attitude_name(i.group) for i in page.failed)
+        link = f'<a href="case-{r.case.number}.html">the first one has its own page</a>'
         words += (
-            f"<b>This is not the first scene that was tried:</b> {count_of(len(page.failed), 'fair one')} before it ended "
-            f'in another group ({ended}); <a href="case-{r.case.number}.html">the first one has its own page</a>. '
+            f"<b>This is not the first scene that was tried:</b> {count_of(len(page.failed), 'fair one')} before it "
+            f"ended in another group ({ended}); {link}. "
         )
     elif page.own.group_right:
         words += "It is the first fair scene. "
     else:
-        words += (
-            "<b>It is the first fair scene, and the tree led its highest region to another group.</b> "
-            f'<a href="case-{r.case.number}-right-group.html">A later one</a> that it led to the right one has a page too. '
-        )
+        words += "<b>It is the first fair scene, and the tree led its highest region to another group.</b> "
+        link = f'<a href="case-{r.case.number}-right-group.html">A later one</a>'
+        later = f"{link} that it led to the right one has a page too. "
+        words += later if page.right_later else "So it did with all that were tried after it. "
     if page.unfair:
         reasons = ", ".join(sorted(set(page.unfair)))
         words += f"Left out as no instance of the case: {count_of(len(page.unfair), 'scene')} ({reasons})."

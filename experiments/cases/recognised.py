@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -106,7 +107,7 @@ class Recognised:
     @cached_property
     def memberships(self) -> Float[np.ndarray, "s s 5"]:
         """Surface characteristics of the window."""
-        std = np.float32(needle_deviation(self.tree.sensor.noise))
+        std = jnp.float32(needle_deviation(self.tree.sensor.noise))
         return np.asarray(characteristics(self.window, std))
 
 
@@ -126,6 +127,7 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     """Regions -> tree -> determination -> refinement, as `itree_jax.recognize` does it."""
     scene, found, needle = measured.scene, measured.found, measured.needle
     start = time.perf_counter()
+    assert scene.depth is not None  # simulated scenes have one
     noise = depth_noise(scene.depth, scene.depth > 0)
     answer = interpret(prepared, found, needle, scene.images, scene.depth, scene.sensor, noise)
     detections = Detections(describe([answer], found), time.perf_counter() - start, labels=found.labels)

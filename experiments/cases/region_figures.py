@@ -47,7 +47,7 @@ def region_figure(r: Recognised) -> str:
     slant = np.degrees(np.arccos(-frame.mean_normal[2]))
     legend = swatches([(css(MEASURED), "this region"), (css(MODEL), "the model (broken line)")])
     caption = (
-        f"On the face, seen {number(slant)}° from its mean normal: I_max {shown(float(inertia.I_max))} and I_min "
+        f"On the face, whose slant is {number(slant)}°: I_max {shown(float(inertia.I_max))} and I_min "
         f"{shown(float(inertia.I_min))} mm⁴, a rectangle of {number(sides[0])} by {number(sides[1])} mm. The model of "
         f"{r.case.name}, region of faces {model.faces}: {shown(model.I_max)} and {shown(model.I_min)} mm⁴, "
         f"{number(model_sides[0])} by {number(model_sides[1])} mm."
@@ -99,7 +99,7 @@ def region_of_brother(r: Recognised, k: int) -> int:
 
 def relation_table(r: Recognised, k: int) -> str:
     """The relation vector, measured and of the representative attitude's regions under the half turn that fits."""
-    rows = [relation_row("measured", r.features.brothers[k])]
+    rows = [relation_row("measured", np.asarray(r.features.brothers[k]))]
     for model in r.with_brother:
         b = model.brothers[0].copy()
         if b[:2] @ r.features.brothers[k][:2] < 0:

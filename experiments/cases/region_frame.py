@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 from jaxtyping import Float
@@ -53,6 +54,6 @@ class RegionFrame:
 
     def inertia_axes(self) -> Float[np.ndarray, "2 3"]:
         """3-D directions along and across the maximum inertia direction, in the frame of the viewing ray."""
-        e1, e2 = (np.asarray(e) for e in face_axes(*gradient_space(self.mean_normal.astype(np.float32))))
+        e1, e2 = (np.asarray(e) for e in face_axes(*gradient_space(jnp.asarray(self.mean_normal, jnp.float32))))
         c, s = np.cos(self.alpha), np.sin(self.alpha)
         return np.stack([c * e1 + s * e2, c * e2 - s * e1])

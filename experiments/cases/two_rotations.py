@@ -124,7 +124,7 @@ def rule_preferences(
     """
     tree = r.tree
     rows = appearance_arrays(tree.appearances, rules_used(tree.determination.steps))
-    rows = take_rows(rows, np.flatnonzero((np.asarray(rows.group) == r.wanted) & (np.asarray(rows.area) > 0)))
+    rows = take_rows(rows, jnp.flatnonzero((rows.group == r.wanted) & (rows.area > 0)))
     scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
     f = r.features
     seen = compare_shape(f, rows)
