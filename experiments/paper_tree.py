@@ -156,9 +156,10 @@ def kinds(errors: np.ndarray) -> dict[str, float]:
 
 
 def decision_table(rows: list[dict[str, Any]]) -> str:
-    lines = ["| | the paper | policy `paper` | policy `measured` | why it differs from the paper |", "|---|---|---|---|---|"]
+    lines = ["| | the paper | policy `paper` | policy `measured` | why `paper` differs |", "|---|---|---|---|---|"]
     for row in rows:
-        lines.append(f"| {row['where']} | {row['paper']} | {row['paper_tree']} | {row['measured_tree']} | {row['why']} |")
+        cells = (row[key] for key in ("where", "paper", "paper_tree", "measured_tree", "why"))
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 

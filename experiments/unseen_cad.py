@@ -2,8 +2,8 @@
 
     python experiments/unseen_cad.py [--folder DIR] [--sensor SENSOR] [--draws N] [--out DIR]
 
-The folder defaults to `cad` in the one that ITREE_DATA names. An assembly is compiled solid by solid; a mesh file that is
-refused as it is (a mesh says no unit) is tried again in inches and metres. Prints a table of groups, rules, expected
+The folder defaults to `cad` in the one that ITREE_DATA names. An assembly is compiled solid by solid; a mesh file that
+is refused as it is (a mesh says no unit) is tried again in inches and metres. Prints a table of groups, rules, expected
 error, time and ambiguities.
 """
 
