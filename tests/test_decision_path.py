@@ -66,14 +66,13 @@ WITH_PAIRS = ("L1+L6", "L2", PRUNED, PRUNED, "L4+L7", "L5")
 
 
 @pytest.mark.parametrize("rules", [THE_PAPERS, WITH_PAIRS])
-@pytest.mark.parametrize("region", [0, 2])
-def test_every_step_says_what_was_measured_and_by_how_much_it_decided(paper_tree, region, rules):
+def test_every_step_says_what_was_measured_and_by_how_much_it_decided(paper_tree, rules):
     """A margin is positive where the side taken was the likelier one."""
     tree = with_rules(paper_tree, rules)
     nodes, labels = tree.nodes, tree.groups.label_strings
     said = said_of(tree, 3, seed=0)
     signs = set()
-    for group in kept_groups(tree):
+    for group, region in ((g, r) for g in kept_groups(tree) for r in (0, 2)):
         path = decision_path(tree, said, region, row_of(tree, group))
         steps = [step for step in path if step.rule[0] == "L"]
         assert list(path[: len(steps)]) == steps  # determination comes after classification

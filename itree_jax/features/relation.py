@@ -44,7 +44,7 @@ def brothers(
     distance[np.arange(count), np.arange(count)] = np.inf
     order = np.argsort(distance, axis=1, kind="stable")[:, :MOST_BROTHERS]
     own = np.arange(count)[:, None]
-    near = distance[own, order] <= reach
+    near = np.isfinite(distance[own, order]) & (distance[own, order] <= reach)  # not itself, however far one looks
     D = vector[own, order]
     fields = np.stack([
         np.einsum("nkx,nx->nk", D, along), np.einsum("nkx,nx->nk", D, across),

@@ -108,6 +108,14 @@ def test_the_nearest_come_first_and_none_from_beyond_reach():
     np.testing.assert_array_equal(alone, np.zeros((1, MOST_BROTHERS, BROTHER_FIELDS)))
 
 
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_no_region_is_its_own_brother_however_far_one_looks(count):
+    centre = np.array([[0.0, 0, 0], [9, 0, 0], [3, 0, 0], [5, 0, 0]])[:count]
+    found = brothers(centre, np.tile([0.0, 0, -1], (count, 1)), np.zeros(count), np.full(count, 100.0), np.inf)
+    np.testing.assert_array_equal(found[..., THERE].sum(axis=1), count - 1)
+    assert (np.abs(found[..., ALONG][found[..., THERE] > 0]) > 0).all()
+
+
 def brother(along=8.0, across=6.0, out=0.0, size=2.0, facing=1.0) -> np.ndarray:
     return np.array([along, across, out, size, facing, 1.0], np.float32)
 

@@ -26,13 +26,13 @@ def areas_of(model: LeafModel, characteristic: str) -> list[tuple[np.ndarray, fl
     return [(vertices, float(surface)) for vertices, surface, c in each if c == wanted]
 
 
-def test_every_group_has_the_work_models_of_its_representative_attitude(paper_tree):
-    groups = paper_tree.groups
-    assert len(paper_tree.leaf_models) == groups.group_count
-    for g, model in enumerate(paper_tree.leaf_models):
+def test_every_group_has_the_work_models_of_its_representative_attitude(tree_of_the_paper):
+    groups = tree_of_the_paper.groups
+    assert len(tree_of_the_paper.leaf_models) == groups.group_count
+    for g, model in enumerate(tree_of_the_paper.leaf_models):
         np.testing.assert_allclose(model.R_cam_obj, groups.representative_rotations()[g])
         if not groups.pruned[g]:
-            assert model.area > paper_tree.sensor.smallest_region
+            assert model.area > tree_of_the_paper.sensor.smallest_region
             assert model.mask.any()
             assert model.egi.sum() == pytest.approx(model.area, rel=1e-4)
             np.testing.assert_allclose(np.linalg.norm(model.mean_normal), 1.0, rtol=1e-5)
@@ -41,9 +41,9 @@ def test_every_group_has_the_work_models_of_its_representative_attitude(paper_tr
             assert brothers == groups.representative_regions[g] - 1
 
 
-def test_s1_is_a_plane_between_two_cylinders(paper_tree):
+def test_s1_is_a_plane_between_two_cylinders(tree_of_the_paper):
     """Group 11100000 seen on the wide plane: x along the part's axis, the mass centre on it."""
-    model = model_of(paper_tree, "11100000")
+    model = model_of(tree_of_the_paper, "11100000")
     assert abs(np.cos(model.inertia[2])) == pytest.approx(1.0, abs=0.01)  # the image's x, as the paper asks
     (plane, surface), *others = areas_of(model, "planar")
     assert not others
@@ -56,8 +56,8 @@ def test_s1_is_a_plane_between_two_cylinders(paper_tree):
     assert left[1] == pytest.approx(right[1], rel=0.15)
 
 
-def test_s1_has_edges_across_both_ends(paper_tree):
-    model = model_of(paper_tree, "11100000")
+def test_s1_has_edges_across_both_ends(tree_of_the_paper):
+    model = model_of(tree_of_the_paper, "11100000")
     start, end = model.edges[:, :2], model.edges[:, 2:]
     across = np.abs(start - end)[:, 0] < 2.0
     at = np.sort(start[across, 0])
@@ -66,9 +66,9 @@ def test_s1_has_edges_across_both_ends(paper_tree):
     assert (model.edge_strength > 0.5).all()
 
 
-def test_s2_has_its_other_cylinder_46_mm_across(paper_tree):
+def test_s2_has_its_other_cylinder_46_mm_across(tree_of_the_paper):
     """The two middles, [16, 30] and [-30, -16], are 46 mm apart; the strip's larger moment is across the axis."""
-    model = model_of(paper_tree, "11000000")
+    model = model_of(tree_of_the_paper, "11000000")
     (brother,) = model.brothers[model.brothers[:, THERE] > 0]
     assert abs(brother[ACROSS]) == pytest.approx(END + INNER, abs=PIXEL / 2)
     np.testing.assert_allclose(brother[[ALONG, OUT]], 0.0, atol=PIXEL / 2)
@@ -78,12 +78,13 @@ def test_s2_has_its_other_cylinder_46_mm_across(paper_tree):
     assert not others
     assert np.ptp(strip[:, 1]) == pytest.approx(END - INNER, abs=1.5 * PIXEL)
     # the strip reaches as far as the slant limit lets it
-    assert np.ptp(strip[:, 0]) == pytest.approx(2 * RADIUS * np.sin(paper_tree.sensor.slant_limit), abs=1.5 * PIXEL)
+    chord = 2 * RADIUS * np.sin(tree_of_the_paper.sensor.slant_limit)
+    assert np.ptp(strip[:, 0]) == pytest.approx(chord, abs=1.5 * PIXEL)
 
 
-def test_s5_is_two_half_discs_on_one_plane(paper_tree):
+def test_s5_is_two_half_discs_on_one_plane(tree_of_the_paper):
     """Segments of a disc beyond the slot: their area and mass centre in closed form."""
-    model = model_of(paper_tree, "00001100")
+    model = model_of(tree_of_the_paper, "00001100")
     half_chord = np.sqrt(RADIUS**2 - SLOT**2)
     area = RADIUS**2 * np.arccos(SLOT / RADIUS) - SLOT * half_chord
     centre = 2.0 / 3.0 * half_chord**3 / area
@@ -102,9 +103,9 @@ def test_s5_is_two_half_discs_on_one_plane(paper_tree):
     np.testing.assert_allclose(np.abs(chord[[1, 3]]), centre - SLOT, atol=PIXEL)
 
 
-def test_s3_and_s4_are_mirror_images(paper_tree):
+def test_s3_and_s4_are_mirror_images(tree_of_the_paper):
     """Groups 11000010 and 11000001, the two sides of the block: the same areas on exchanged sides."""
-    one, other = model_of(paper_tree, "11000010"), model_of(paper_tree, "11000001")
+    one, other = model_of(tree_of_the_paper, "11000010"), model_of(tree_of_the_paper, "11000001")
     assert one.area == pytest.approx(other.area, rel=0.02)
     np.testing.assert_allclose(one.inertia[:2], other.inertia[:2], rtol=0.03)
     np.testing.assert_allclose(one.shares, other.shares, atol=0.03)
@@ -113,8 +114,8 @@ def test_s3_and_s4_are_mirror_images(paper_tree):
     np.testing.assert_allclose(mirrored, np.sort(other.areas.mean(axis=1), axis=0), atol=PIXEL)
 
 
-def test_the_window_camera_has_the_models_pitch(paper_tree):
-    model = model_of(paper_tree, "11100000")
+def test_the_window_camera_has_the_models_pitch(tree_of_the_paper):
+    model = model_of(tree_of_the_paper, "11100000")
     for finer in (1, 3):
         camera = orthographic(model, finer)
         assert camera.width == camera.height == finer * len(model.mask)
