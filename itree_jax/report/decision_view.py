@@ -15,8 +15,12 @@ from itree_jax.tree.tree import InterpretationTree
 SIDES = ("visible", "hidden")
 MOST_LABELS = 6  # of groups named on one side
 KINDS = (("whole", "error_whole"), ("cut", "error_cut"))  # regions that errors are measured on
+SHARES = ("error_left_out",)
 TOLD = ("branch", "error_rate", "error_whole", "error_cut", "joined_with")  # in the heading and its chips
-WORDS = {"open": "left open", "alternatives": "no rule tells it from", "rivals": "evidence of rivals"}
+WORDS = {
+    "open": "left open", "alternatives": "no rule tells it from", "rivals": "evidence of rivals", "left": "parts left",
+    "error_left_out": "regions whose part is not left",
+}  # fmt: skip
 
 
 def decision_path_view(tree: InterpretationTree, steps: Sequence[Step]) -> str:
@@ -120,7 +124,7 @@ def plain_comparison(step: Step) -> str:
         cells.append(("measured", shown(step.measured)))
     if isinstance(step.compared_with, dict):
         cells += [
-            (text(WORDS.get(key, key.replace("_", " "))), shown(value))
+            (text(WORDS.get(key, key.replace("_", " "))), percent(value) if key in SHARES else shown(value))
             for key, value in step.compared_with.items()
             if key not in TOLD
         ]

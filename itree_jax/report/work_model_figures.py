@@ -10,6 +10,7 @@ from itree_jax.tree.leaf_model import LeafModel
 
 SIDE = 220.0  # [px] of a picture
 RIM = 14.0  # [px] around what is drawn
+BAR_H = 14.0  # [px] more for the scale bar
 BAR_LENGTHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)  # [mm]
 COLOURS = (SKY, ORANGE, GREEN, PURPLE, VERMILLION)  # of CHARACTERISTICS
 SHORT = ("P", "C", "E+", f"E{MINUS}", "H")  # colour is not their only sign
@@ -26,7 +27,8 @@ def shape_figure(model: LeafModel) -> str:
         f'<path class="outline" d="{closed(to_px(outline_points(model)))}"/>'
         f'<path class="moments" d="{closed(corners)}"/>'
         f'<path class="moments" d="M{xy(arms[0])}L{xy(arms[1])}M{xy(arms[2])}L{xy(arms[3])}"/>{arrows}{to_px.bar()}',
-        f"face of {number(model.area, 0)} mm²: d(theta), the rectangle of the same moments, brother regions",
+        f"region of {number(model.area, 0)} mm²: d(theta), the rectangle of the same moments, brother regions",
+        to_px.half_height,
     )
 
 
@@ -44,6 +46,7 @@ def surface_figure(model: LeafModel) -> str:
     return panel(
         outline + areas + lines + to_px.bar(),
         f"{len(model.edges)} prominent edges and {len(model.areas)} rectangles of one surface characteristic",
+        to_px.half_height,
     )
 
 
@@ -87,7 +90,7 @@ def half_sides(model: LeafModel) -> tuple[float, float]:
 
 
 class Scale:
-    """Face frame [mm] to picture [px]; all pictures of a face have one scale."""
+    """Face frame [mm] to picture [px]; both pictures of a face have one scale and one height."""
 
     def __init__(self, model: LeafModel) -> None:
         ends = np.concatenate([
@@ -95,6 +98,9 @@ class Scale:
         ])  # fmt: skip
         self.reach = max(float(np.abs(ends).max()), 1.0)
         self.px_per_mm = (SIDE / 2 - RIM) / self.reach
+        alone = not (model.brothers[:, 5] > 0).any()  # else an arrow may point anywhere
+        tall = RIM + BAR_H + self.px_per_mm * float(np.abs(ends[:, 1]).max())
+        self.half_height = tall if alone else SIDE / 2 + BAR_H
 
     def __call__(self, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         return SIDE / 2 + self.px_per_mm * np.asarray(points, float)
@@ -103,16 +109,17 @@ class Scale:
         """A scale bar in the lower left corner, as long as a third of the picture at most."""
         longest = SIDE / 3 / self.px_per_mm
         length = max((b for b in BAR_LENGTHS if b <= longest), default=BAR_LENGTHS[0])
+        bottom = SIDE / 2 + self.half_height
         return (
-            f'<path class="axis" d="M4 {SIDE - 8:.0f}v4h{length * self.px_per_mm:.1f}v-4"/>'
-            f'<text class="small" x="6" y="{SIDE - 9:.0f}">{length} mm</text>'
+            f'<path class="axis" d="M4 {bottom - 8:.0f}v4h{length * self.px_per_mm:.1f}v-4"/>'
+            f'<text class="small" x="6" y="{bottom - 9:.0f}">{length} mm</text>'
         )
 
 
-def panel(inside: str, title: str) -> str:
-    return (
-        f'<svg class="panel" role="img" viewBox="0 0 {SIDE:.0f} {SIDE:.0f}"><title>{text(title)}</title>{inside}</svg>'
-    )
+def panel(inside: str, title: str, half_height: float = SIDE / 2) -> str:
+    """A picture of the given height about the middle of a square."""
+    box = f"0 {SIDE / 2 - half_height:.1f} {SIDE:.0f} {2.0 * half_height:.1f}"
+    return f'<svg class="panel" role="img" viewBox="{box}"><title>{text(title)}</title>{inside}</svg>'
 
 
 def closed(points: Float[np.ndarray, "n 2"]) -> str:

@@ -107,6 +107,16 @@ def test_the_last_steps_tell_what_is_open_and_what_else_it_may_be(tree):
     assert "evidence of rivals</dt><dd>none" in html
 
 
+def test_the_root_of_a_forest_is_shown(tree):
+    compared = {
+        "branch": "forest", "part": "a", "posterior": {"a": 0.75, "b": 0.25}, "left": ["a", "b"], "error_rate": 0.02,
+        "error_left_out": 0.004,
+    }  # fmt: skip
+    html = decision_path_view(tree, [Step(-1, "L1+L3", {"L1 log I_max / 4": 2.5}, compared, 1.1, "3 parts", "2 parts")])
+    for words in ("forest · L1+L3", "a 0.750, b 0.250", "parts left</dt><dd>a, b", "is not left</dt><dd>0.4 %"):
+        assert words in html
+
+
 def test_every_rule_has_the_title_of_its_family():
     for rule in (*CLASSIFICATION_RULES, *DETERMINATION_RULES):
         assert rule_title(rule.name) == rule.title

@@ -55,8 +55,9 @@ def test_what_is_drawn_lies_inside_of_the_picture(tree):
         for svg in (shape_figure(each), surface_figure(each), gauss_sphere(each)):
             for css_class in ("outline", "moments", "arrow", "faint", "line", "area", "mass", "cells"):
                 for path in paths(svg, css_class):
-                    assert (points(path) >= -0.1).all()
-                    assert (points(path) <= SIDE + 0.1).all()
+                    left, top, width, height = (float(v) for v in ET.fromstring(svg).get("viewBox", "").split())
+                    assert (points(path) >= np.array([left, top]) - 0.1).all()
+                    assert (points(path) <= np.array([left + width, top + height]) + 0.1).all()
         assert len(paths(surface_figure(each), "area")) == len(each.areas)
         assert len(paths(surface_figure(each), "line")) == len(each.edges)
         assert len(paths(shape_figure(each), "arrow")) == (each.brothers[:, 5] > 0).sum()
