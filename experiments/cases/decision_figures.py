@@ -120,15 +120,15 @@ def where_it_left(r: Recognised) -> str:
         low, high = np.percentile(samples[:, column], (5.0, 95.0))
         if not low <= measured <= high:
             odd.append(
-                f"{text(quantity.name)} {number(measured, 2)}, where nine tenths of the draws of {r.case.name} that the "
-                f"rule learned from gave {number(low, 2)} to {number(high, 2)}"
+                f"{text(quantity.name)} {number(measured, 2)}, where nine tenths of the draws of {r.case.name} that "
+                f"the rule learned from gave {number(low, 2)} to {number(high, 2)}"
             )
     said = "; ".join(odd) or "nothing that the group's draws would not"
     note = ""
-    if "L6" in nodes.rule[node]:
+    if "L6" in nodes.rule[node] and tree.policy == "paper":
         note = (
-            " Under policy paper a rule learns from whole regions, which have no other part beside them; in a pile there "
-            "are some, and L6 counts regions too many against a group."
+            " Under policy paper a rule learns from whole regions, which have no other part beside them; in a pile "
+            "there are some, and L6 counts regions too many against a group."
         )
     return f"It left the way at {nodes.branch[node]} ({nodes.rule[node]}), which measured {said}.{note}"
 
