@@ -3,6 +3,7 @@
 import numpy as np
 
 from cases.case import ATTITUDE_NAMES, attitude_name
+from cases.highest_region import HIGHEST
 from cases.recognised import Recognised
 from cases.two_rotations import Rotation, rule_preferences
 from itree_jax.detections import Step
@@ -10,6 +11,7 @@ from itree_jax.report import svg_tree
 from itree_jax.report.markup import NOT_KNOWN, number, percent, table, text
 from itree_jax.report.rule_titles import rule_title
 from itree_jax.tree.choice import ERROR_BOUND
+from itree_jax.tree.node_quantities import node_quantities, side_samples
 from itree_jax.tree.tree import PRUNED
 
 UNDECIDED = 1.0  # [nat]
@@ -98,9 +100,37 @@ def against_paper(r: Recognised) -> str:
         said.append(
             f"<b>Here the region was led to {attitude_name(tree.groups.label_strings[r.group])} instead of "
             f"{attitude_name(case.label)}.</b> Poses of all groups go on with what is left for them, so that the pose "
-            "can still be right."
+            f"can still be right. {where_it_left(r)}"
         )
     return f"<p>{' '.join(said)}</p>"
+
+
+def where_it_left(r: Recognised) -> str:
+    """The node at which the region left the way to its true group, and what it measured that the group's draws hardly
+    do."""
+    tree, nodes, wanted = r.tree, r.tree.nodes, r.wanted
+    node = next(
+        k for k in way_to(r, wanted)
+        if nodes.visible[k, wanted] != nodes.visible[k, r.group] or nodes.hidden[k, wanted] != nodes.hidden[k, r.group]
+    )
+    own = np.arange(tree.groups.group_count) == wanted
+    samples, odd = side_samples(tree, node, own), []
+    for column, quantity in enumerate(node_quantities(tree, node)):
+        measured = float(r.interpretation.classification.quantities[quantity.rule][HIGHEST, quantity.column])
+        low, high = np.percentile(samples[:, column], (5.0, 95.0))
+        if not low <= measured <= high:
+            odd.append(
+                f"{text(quantity.name)} {number(measured, 2)}, where nine tenths of the draws of {r.case.name} that "
+                f"the rule learned from gave {number(low, 2)} to {number(high, 2)}"
+            )
+    said = "; ".join(odd) or "nothing that the group's draws would not"
+    note = ""
+    if "L6" in nodes.rule[node] and tree.policy == "paper":
+        note = (
+            " Under policy paper a rule learns from whole regions, which have no other part beside them; in a pile "
+            "there are some, and L6 counts regions too many against a group."
+        )
+    return f"It left the way at {nodes.branch[node]} ({nodes.rule[node]}), which measured {said}.{note}"
 
 
 def way_to(r: Recognised, group: int) -> list[int]:

@@ -17,7 +17,9 @@ MEASURED = VERMILLION
 
 def shape_figure(r: Recognised, rotations: tuple[Rotation, Rotation]) -> str:
     outline = np.asarray(r.features.outline, float)
-    curves = [(k.outline, css(colour_of(k.name)), 'stroke-width="1.8" stroke-dasharray="5 3"') for k in rotations]
+    # wide and pale under thin and broken, so that both are seen where they coincide
+    styles = 'stroke-width="4.5" opacity="0.6"', 'stroke-width="1.8" stroke-dasharray="5 3"'
+    curves = [(k.outline, css(colour_of(k.name)), style) for k, style in zip(rotations, styles, strict=True)]
     curves.append((outline, css(MEASURED), 'stroke-width="2.2"'))
     most = 1.08 * max(float(c.max()) for c, _, _ in curves)
     svg = (
