@@ -11,7 +11,7 @@ from itree_jax.tree.drawing import leaf_names
 from itree_jax.tree.tree import InterpretationTree
 
 CHAR = 8.0  # [px] of a leaf's digits
-NAME_W = 30.0  # [px] of S1, S2, ...
+NAME_W = 36.0  # [px] of S1, S2, ...
 STEP_W, STEP_H, STEP_GAP = 108.0, 36.0, 12.0  # [px] of a determination rule; wider where it takes all freedom at once
 OPEN_W = 150.0  # [px] of what is left open
 

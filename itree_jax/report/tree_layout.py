@@ -10,7 +10,7 @@ from itree_jax.tree.tree import PRUNED, InterpretationTree
 
 BOX_H = 38.0  # [px] of a node
 LEAST_W, PADDING = 92.0, 14.0  # [px] of a node
-NAME_CHAR, SMALL_CHAR = 7.9, 5.9  # [px] of a character, on the wide side: fonts differ
+NAME_CHAR, SMALL_CHAR = 8.8, 5.9  # [px] of a character, on the wide side: fonts differ
 ROW = 50.0  # [px] from leaf to leaf
 MARGIN = 8.0
 TURN = 14  # [px] behind a node where its edges part
