@@ -46,20 +46,23 @@ def freedom_along(steps: tuple[str, ...]) -> tuple[Freedom, ...]:
 def choose_steps(rate: Float[np.ndarray, "rules"], related: bool, policy: str) -> tuple[tuple[str, ...], int]:
     """The steps of a group and the rotations that they leave (`OPEN`: all go on), by the measured errors of A1..A8.
 
-    A rule is adopted when its error is under the bound: A1 for the viewer direction; A2 where it alone gives the
-    attitude; A3 (of a group that shows brother regions) or A4 for two rotations; then one of A5-A8 for the last one.
-    `paper` takes the first of several in order, `measured` the one of least error, then of least cost.
+    The error of a rule is that of the attitude which it leaves, given the rules before it; so a chain stands by the
+    error of its last rule: A1 then A2 where the EGI alone gives the attitude; A1, then A3 (of a group that shows brother
+    regions) or A4, then one of A5-A8; A1 and A3 or A4 where none of these decides; A1 alone. `paper` takes the first of
+    several rules under the bound, `measured` the one of least error, then of least cost.
     """
     if np.isnan(rate).all():
         return (), OPEN
     of = dict(zip(DETERMINATION_RULE_NAMES, rate, strict=True))
-    steps = ["A1"] if of["A1"] < ERROR_BOUND else []
     if of["A2"] < ERROR_BOUND:
-        return (*steps, "A2"), 1
-    two = _adopted(of, ("A3", "A4") if related else ("A4",), policy)
-    last = _adopted(of, PICKING, policy)
-    steps += [rule for rule in (two, last) if rule]
-    return tuple(steps), 1 if last else 2 if two else OPEN
+        return ("A1", "A2"), 1
+    directions = ("A3", "A4") if related else ("A4",)
+    two, last = _adopted(of, directions, policy), _adopted(of, PICKING, policy)
+    if last is not None:
+        return ("A1", two or min(directions, key=lambda rule: of[rule]), last), 1
+    if two is not None:
+        return ("A1", two), 2
+    return (("A1",) if of["A1"] < ERROR_BOUND else ()), OPEN
 
 
 def _adopted(of: dict[str, float], names: tuple[str, ...], policy: str) -> str | None:
