@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +31,8 @@ from itree_jax.tree.appearances import WINDOW_SIZE
 from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.sights import needle_deviation, window_edges
 from itree_jax.tree.tree import InterpretationTree
+
+_characteristics = jax.jit(characteristics)
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class Recognised:
     def memberships(self) -> Float[np.ndarray, "s s 5"]:
         """Surface characteristics of the window."""
         std = jnp.float32(needle_deviation(self.tree.sensor.noise))
-        return np.asarray(characteristics(self.window, std))
+        return np.asarray(_characteristics(self.window, std))
 
 
 def group_walked_to(tree: InterpretationTree, margin: Float[np.ndarray, "nodes"]) -> int:

@@ -66,7 +66,9 @@ def brother_figure(r: Recognised, mesh: RayMesh) -> str:
     misfit = brother_misfits(r)
     k, beside = best_brother(r), int(r.features.brothers[:, THERE].sum())
     if misfit[k] >= MOST_MISFIT:
-        said = f"None of {count_of(beside, 'region')} beside the target looks like the brother that S2 would show."
+        said = "No other region lies within reach of the target: it has no brother."
+        if beside:
+            said = f"{count_of(beside, 'region')} beside the target; none looks like the brother that S2 would show."
         return figure(f'<p class="empty">{said}</p>', "Brother region")
     other = region_of_brother(r, k)
     found = r.measured.found
