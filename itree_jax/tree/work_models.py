@@ -14,12 +14,13 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.region import RegionFeatures
-from itree_jax.features.relation import BROTHER_FIELDS, MOST_MISFIT, THERE, brother_misfit
+from itree_jax.features.relation import BROTHER_FIELDS, MOST_MISFIT, SIZE_SPREAD, THERE, brother_misfit
 from itree_jax.tree.appearances import STORED_BROTHERS, Appearances
 
 EXEMPLARS = 24  # per group: the ten views that the paper's table has of one, at two rolls each and more
 LEAST_UNIQUENESS = 0.15  # moments within 30 % of each other: noise of the boundary turns the direction at will
 ALONE = 0.5  # what being alone counts for, in brothers: a region alone agrees with a group that shows one region
+BROTHER_SIGMAS = 2.0  # width of a brother's likeness: an exemplar stands for views some degrees around it
 TURN_TOLERANCE = 1  # cells that A4's direction may be off
 
 
@@ -29,6 +30,7 @@ class GroupModels(NamedTuple):
     edge_map: Float[Array, "groups exemplars radii angles 3"]
     characteristic_map: Float[Array, "groups exemplars radii angles 5"]
     brothers: Float[Array, "groups exemplars most fields"]
+    size: Float[Array, "groups exemplars"]  # of the exemplar's region: half the logarithm of its area
     unique: Bool[Array, "groups exemplars"]  # the exemplar has an inertia direction
     there: Bool[Array, "groups exemplars"]  # False: padding
 
@@ -50,6 +52,7 @@ def group_models(table: Appearances, group_count: int) -> GroupModels:
         edge_map=jnp.asarray(table.edge_map[rows], jnp.float32),
         characteristic_map=jnp.asarray(table.characteristic_map[rows], jnp.float32),
         brothers=jnp.asarray(beside, jnp.float32),
+        size=jnp.asarray(0.5 * np.log(np.maximum(table.area[rows], 1.0)), jnp.float32),
         unique=jnp.asarray(table.inertia[rows, 3] > LEAST_UNIQUENESS),
         there=jnp.asarray(there),
     )
@@ -58,15 +61,19 @@ def group_models(table: Appearances, group_count: int) -> GroupModels:
 def relation_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
     """How well the regions beside one region are those that each group shows: 1 exactly .. 0 not at all.
 
-    Brothers that are missing count against a group, and so do regions too many (which may lie there by chance).
+    Brothers that are missing count against a group, and so do regions too many, as far as they could be a brother in any
+    group: what lies beside a region in a bin belongs to other parts more often than not.
     """
     unique = models.unique & (features.inertia.uniqueness > LEAST_UNIQUENESS)
     misfit = brother_misfit(
         features.brothers[None, None, :, None], models.brothers[:, :, None], unique[..., None, None]
     )  # [groups, exemplars, seen, stored]
+    own = (0.5 * jnp.log(jnp.maximum(features.area, 1.0)) - models.size) / SIZE_SPREAD
+    alike = jnp.exp(-0.5 * (jnp.square(misfit) + jnp.square(own)[..., None, None]) / BROTHER_SIGMAS**2)
+    alike = jnp.where((misfit < MOST_MISFIT) & models.there[..., None, None], alike, 0.0)
+    seen = jnp.minimum(jnp.sum(jnp.max(alike, axis=(0, 1, 3))), STORED_BROTHERS)
     stored = jnp.sum(models.brothers[..., THERE], axis=-1)
-    seen = jnp.minimum(jnp.sum(features.brothers[..., THERE]), STORED_BROTHERS)
-    found = jnp.sum(1.0 - jnp.min(misfit, axis=-2) / MOST_MISFIT, axis=-1)
+    found = jnp.sum(jnp.max(alike, axis=-2), axis=-1)
     found = jnp.minimum(found, seen)  # one region may fit two that are as far away, and is but one of them
     agreement = (found + ALONE) / (0.5 * (stored + seen) + ALONE)
     return jnp.max(jnp.where(models.there, agreement, 0.0), axis=-1)
