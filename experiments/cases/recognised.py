@@ -22,15 +22,14 @@ from itree_jax.features.rectify import affine_T, gradient_space
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.window import Window, extract_images, extract_windows
 from itree_jax.prepared import Prepared
-from itree_jax.recognition import interpret, region_features
+from itree_jax.recognition import as_forest, interpret, look
+from itree_jax.region_measures import measure_regions
 from itree_jax.report.scene_view import SceneView, scene_view
-from itree_jax.report.tree_path import child_of, roots
 from itree_jax.report.truth_view import TruePose
-from itree_jax.sensing.regions import depth_noise
+from itree_jax.root_answer import ask_root
 from itree_jax.tree.appearances import WINDOW_SIZE
-from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.sights import needle_deviation, window_edges
-from itree_jax.tree.tree import InterpretationTree
+from itree_jax.tree.tree import ROOT, InterpretationTree
 
 _characteristics = jax.jit(characteristics)
 
@@ -117,13 +116,18 @@ class Recognised:
 def group_walked_to(tree: InterpretationTree, margin: Float[np.ndarray, "nodes"]) -> int:
     """The group at the end of the sides with positive margins; a side of nothing but pruned groups is not taken."""
     kept = ~tree.groups.pruned
-    members = kept.copy()
-    node = next(iter(roots(tree)), None)
+    members, node = kept.copy(), below(tree, ROOT, False)
     while node is not None:
         sides = {True: tree.nodes.visible[node] & kept, False: tree.nodes.hidden[node] & kept}
         visible = bool(sides[True].any() and (margin[node] > 0 or not sides[False].any()))
-        members, node = sides[visible], child_of(tree, node, visible)
+        members, node = sides[visible], below(tree, node, visible)
     return int(np.flatnonzero(members)[0])
+
+
+def below(tree: InterpretationTree, parent: int, visible: bool) -> int | None:
+    """The branch on one side of another (of the root: the first), if that side is divided further."""
+    found = np.flatnonzero((tree.nodes.parent == parent) & (tree.nodes.on_visible_side == visible))
+    return int(found[0]) if len(found) else None
 
 
 def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
@@ -131,9 +135,14 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     scene, found, needle = measured.scene, measured.found, measured.needle
     start = time.perf_counter()
     assert scene.depth is not None  # simulated scenes have one
-    noise = depth_noise(scene.depth, scene.depth > 0)
-    answer = interpret(prepared, found, needle, scene.images, scene.depth, scene.sensor, noise)
-    detections = Detections(describe([answer], found), time.perf_counter() - start, labels=found.labels)
+    forest = as_forest(prepared)
+    regions = measure_regions(found, needle, scene.images, scene.sensor, prepared.pitch)
+    said = ask_root(forest, {prepared.pitch: regions}, found.count)
+    sight = look(found, needle, np.asarray(scene.depth, np.float32), scene.sensor)
+    answer = interpret(prepared, 0, np.arange(found.count), regions, sight)
+    detections = Detections(
+        describe([answer], found, forest.root, said), time.perf_counter() - start, labels=found.labels
+    )
     return Recognised(case, measured, answer, detections, *highest_window(measured, prepared))
 
 
@@ -149,8 +158,7 @@ def highest_window(
     images = scene.images / sensor.light_intensities[:, None, None].astype(np.float32)
     edges = np.asarray(window_edges(extract_images(images, *at), sensor.noise))[0]
     window = Window(*(np.asarray(a)[0] for a in windows))
-    reach = BESIDE_REACH * prepared.model.reach
-    features, _ = region_features(found, measured.needle, scene.images, sensor, pitch, reach)
+    features = measure_regions(found, measured.needle, scene.images, sensor, pitch).features
     normal = np.asarray(features.mean_normal)[HIGHEST]
     inertia = face_inertia(window)
     frame = RegionFrame(

@@ -20,6 +20,7 @@ from itree_jax.tree.determination_rules import (
     DeterminationScales,
     about_normal,
     bounded,
+    brothers_apart,
     compare_maps,
     compare_shape,
     direction_penalty,
@@ -27,7 +28,6 @@ from itree_jax.tree.determination_rules import (
     egi_elsewhere,
     facing,
     mass_centre_penalty,
-    nearest_brothers,
     relation_penalty,
     take_rows,
     within_roll,
@@ -135,9 +135,10 @@ def scale_samples(
 def brother_deviation(features: RegionFeatures, row: AppearanceArrays, at: Int[Array, ""]) -> Float[Array, ""]:
     """Angle [rad] between the directions toward a brother after a turn of the outline; NaN where there is none."""
     n_theta = row.outline.shape[-1]
-    misfit, apart = nearest_brothers(features.brothers, row.brothers)
-    turned = wrapped(apart[0] - at * (2.0 * jnp.pi / n_theta))
-    return jnp.where(misfit[0] < MOST_MISFIT, jnp.abs(turned), jnp.nan)
+    misfit, apart = jax.vmap(brothers_apart, in_axes=(0, None))(features.brothers, row.brothers[0])
+    best = jnp.argmin(misfit)
+    turned = wrapped(apart.reshape(-1)[best] - at * (2.0 * jnp.pi / n_theta))
+    return jnp.where(misfit.reshape(-1)[best] < MOST_MISFIT, jnp.abs(turned), jnp.nan)
 
 
 @partial(jax.jit, static_argnames=("roll_step",))

@@ -9,6 +9,7 @@ content. A5 looks at all turns of all appearances; A6-A8, which cost more, at th
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import jax
@@ -18,7 +19,7 @@ from jaxtyping import Array, Float, Int
 from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
-from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
+from itree_jax.features.relation import MOST_MISFIT, brother_angle, brother_misfit
 
 # A region that was cut lies about its direction, outline and size: none of them counts for more than this (2.8 sigma).
 MOST_PENALTY = 4.0
@@ -187,26 +188,25 @@ def direction_penalty(
 def relation_penalty(
     features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
 ) -> Float[Array, "rows turns"]:
-    """A3: of the angle between the directions toward a brother, at each turn of the outline; none where a region or an
-    appearance has no brother that could be the other's."""
+    """A3: of the angle between the directions toward brothers, at each turn of the outline; of several brothers the one
+    that fits best. None where a region or an appearance has no brother that could be the other's."""
     n_theta = rows.outline.shape[-1]
     step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
-    misfit, apart = nearest_brothers(features.brothers, rows.brothers)
-    turn = jnp.abs(wrapped(apart[:, None] - step)) / scales.relation
-    return jnp.where((misfit < MOST_MISFIT)[:, None], bounded(turn) + bounded(misfit)[:, None], 0.0)
+    best = jnp.full((len(rows.area), n_theta), jnp.inf)
+    for seen, stored in product(range(features.brothers.shape[0]), range(rows.brothers.shape[1])):
+        misfit, apart = brothers_apart(features.brothers[seen], rows.brothers[:, stored])
+        turn = jnp.abs(wrapped(apart[:, None] - step)) / scales.relation
+        each = bounded(turn) + bounded(misfit)[:, None]
+        best = jnp.minimum(best, jnp.where((misfit < MOST_MISFIT)[:, None], each, jnp.inf))
+    return jnp.where(jnp.isfinite(best), best, 0.0)
 
 
-def nearest_brothers(
-    seen: Float[Array, "most fields"], stored: Float[Array, "rows few fields"]
-) -> tuple[Float[Array, "rows"], Float[Array, "rows"]]:
-    """The brother of a region and that of each appearance that are most alike, directions left aside: their misfit, and
-    the angle [rad] from the appearance's to the region's."""
-    misfit = brother_misfit(seen[None, :, None], stored[:, None, :], jnp.zeros((), bool))
-    flat = misfit.reshape(len(stored), -1)
-    best = jnp.argmin(flat, axis=1)
-    apart = (brother_angle(seen)[None, :, None] - brother_angle(stored)[:, None, :]).reshape(len(stored), -1)
-    at_best = (jnp.take_along_axis(each, best[:, None], axis=1)[:, 0] for each in (flat, apart))
-    return tuple(at_best)  # type: ignore[return-value]
+def brothers_apart(
+    seen: Float[Array, "fields"], stored: Float[Array, "*n fields"]
+) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
+    """Misfit of two brothers, directions left aside, and the angle [rad] from the stored one's to the seen one's."""
+    misfit = brother_misfit(seen, stored, jnp.zeros((), bool))
+    return misfit, brother_angle(seen) - brother_angle(stored)
 
 
 class MapAgreement(NamedTuple):

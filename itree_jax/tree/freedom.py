@@ -46,8 +46,8 @@ def freedom_along(steps: tuple[str, ...]) -> tuple[Freedom, ...]:
 def choose_steps(rate: Float[np.ndarray, "rules"], related: bool, policy: str) -> tuple[tuple[str, ...], int]:
     """The steps of a group and the rotations that they leave (`OPEN`: all go on), by the measured errors of A1..A8.
 
-    The error of a rule is that of the attitude which it leaves, given the rules before it; so a chain stands by the
-    error of its last rule: A1 then A2 where the EGI alone gives the attitude; A1, then A3 (of a group that shows brother
+    The error of a rule is that of the attitude which it leaves, given the rules before it, so a chain stands by that
+    of its last rule: A1 then A2 where the EGI alone gives the attitude; A1, then A3 (of a group that shows brother
     regions) or A4, then one of A5-A8; A1 and A3 or A4 where none of these decides; A1 alone. `paper` takes the first of
     several rules under the bound, `measured` the one of least error, then of least cost.
     """

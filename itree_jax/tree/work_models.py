@@ -61,8 +61,8 @@ def group_models(table: Appearances, group_count: int) -> GroupModels:
 def relation_agreement(features: RegionFeatures, models: GroupModels) -> Float[Array, "groups"]:
     """How well the regions beside one region are those that each group shows: 1 exactly .. 0 not at all.
 
-    Brothers that are missing count against a group, and so do regions too many, as far as they could be a brother in any
-    group: what lies beside a region in a bin belongs to other parts more often than not.
+    Brothers that are missing count against a group, and so do regions too many, as far as they could be a brother in
+    any group: what lies beside a region in a bin belongs to other parts more often than not.
     """
     unique = models.unique & (features.inertia.uniqueness > LEAST_UNIQUENESS)
     misfit = brother_misfit(

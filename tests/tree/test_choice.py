@@ -149,7 +149,8 @@ def models_of(groups: int) -> GroupModels:
     shape = (groups, 1)
     return GroupModels(
         jnp.zeros((*shape, RADII, ANGLES, 3)), jnp.zeros((*shape, RADII, ANGLES, 5)),
-        jnp.zeros((*shape, STORED_BROTHERS, BROTHER_FIELDS)), jnp.zeros(shape, bool), jnp.ones(shape, bool),
+        jnp.zeros((*shape, STORED_BROTHERS, BROTHER_FIELDS)), jnp.zeros(shape), jnp.zeros(shape, bool),
+        jnp.ones(shape, bool),
     )  # fmt: skip
 
 

@@ -77,14 +77,16 @@ def exemplars(features) -> GroupModels:
     count = len(features.area)
     return GroupModels(
         edge_map=features.edge_map[:, None], characteristic_map=features.characteristic_map[:, None],
-        brothers=features.brothers[:, None, :STORED_BROTHERS], unique=features.inertia.uniqueness[:, None] > 0.15,
+        brothers=features.brothers[:, None, :STORED_BROTHERS],
+        size=0.5 * jnp.log(features.area)[:, None], unique=features.inertia.uniqueness[:, None] > 0.15,
         there=jnp.ones((count, 1), bool),
     )  # fmt: skip
 
 
 NO_MODELS = GroupModels(
     jnp.zeros((3, 1, RADII, ANGLES, 3)), jnp.zeros((3, 1, RADII, ANGLES, 5)),
-    jnp.zeros((3, 1, STORED_BROTHERS, BROTHER_FIELDS)), jnp.zeros((3, 1), bool), jnp.zeros((3, 1), bool),
+    jnp.zeros((3, 1, STORED_BROTHERS, BROTHER_FIELDS)), jnp.zeros((3, 1)), jnp.zeros((3, 1), bool),
+    jnp.zeros((3, 1), bool),
 )  # fmt: skip
 
 
@@ -205,7 +207,7 @@ def test_no_rotation_in_the_image_changes_what_distributions_compare(gem, flash)
         raster = of_view.std(axis=1).max()
         between = np.linalg.norm(np.diff(of_view.mean(axis=1), axis=0), axis=1).min()
         if rule in (L1, L2, L3):
-            assert raster < 0.02, rule.name  # 2 % of a length
+            assert raster < 0.025, rule.name  # 2.5 % of a length
             assert between > 3.0 * raster, rule.name
         else:
             assert raster < 0.06, rule.name  # facets of a pixel or two: shares and edges come and go with the raster

@@ -23,6 +23,8 @@ from itree_jax.tree.work_models import (
     rows_of,
 )
 
+SIZE = np.float32(2.5)  # half the logarithm of the area [mm^2] of a region and of all exemplars here
+
 
 @pytest.fixture(scope="module")
 def models(paper_tree):
@@ -85,7 +87,7 @@ def group_of(*stored: list[list[float]], unique: bool = True) -> GroupModels:
     shape = (len(stored), 1)
     return GroupModels(
         jnp.zeros((*shape, RADII, ANGLES, 3)), jnp.zeros((*shape, RADII, ANGLES, 5)), jnp.asarray(beside),
-        jnp.full(shape, unique), jnp.ones(shape, bool),
+        jnp.full(shape, SIZE), jnp.full(shape, unique), jnp.ones(shape, bool),
     )  # fmt: skip
 
 
@@ -98,7 +100,7 @@ def region(paper_tree, as_features):
     def with_others(*others: list[float]):
         beside = np.zeros((MOST_BROTHERS, BROTHER_FIELDS), np.float32)
         beside[: len(others)] = np.reshape(others, (-1, BROTHER_FIELDS))
-        return plain._replace(brothers=beside)
+        return plain._replace(brothers=beside, area=np.exp(2.0 * SIZE))
 
     return with_others
 
@@ -112,9 +114,17 @@ def test_brothers_count_for_a_group_that_has_them_and_against_one_that_has_not(r
     np.testing.assert_allclose(one, [half, 1.0, (1 + ALONE) / (1.5 + ALONE)], atol=1e-3)
     assert two.argmax() == 2
     assert two[2] == pytest.approx(1.0, abs=1e-3)
-    # one that lies elsewhere is as good as none, and a region too many besides
+    # one that lies elsewhere belongs to another part
     elsewhere = np.asarray(relation_agreement(region(brother(-30, 30)), groups))
-    np.testing.assert_allclose(elsewhere[:2], [half, ALONE / (1.0 + ALONE)], atol=1e-3)
+    np.testing.assert_allclose(elsewhere, alone, atol=2e-2)
+
+
+def test_a_region_of_another_size_has_no_brothers(region):
+    """What lies beside it as beside an exemplar is no brother where the region itself is not the exemplar's."""
+    groups = group_of([], [brother(8, 6)])
+    seen = region(brother(8, 6))
+    larger = np.asarray(relation_agreement(seen._replace(area=seen.area * 16.0), groups))
+    np.testing.assert_allclose(larger, [1.0, ALONE / (0.5 + ALONE)], atol=3e-2)
 
 
 def test_one_region_is_not_two_brothers(region):
