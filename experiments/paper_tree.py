@@ -76,11 +76,11 @@ def decision_rows(trees: dict[str, InterpretationTree]) -> list[dict[str, Any]]:
     tree = trees["paper"]
     rows = []
     for branch, rule in BRANCHES.items():
+        wanted = joined_name(rule, JOINED.get(branch))
         found = {f"{policy}_tree": at_branch(t, branch) for policy, t in trees.items()}
         k = tree.nodes.branch.index(branch)
         rows.append({
-            "where": branch, "paper": joined_name(branch, rule), **found,
-            "same": found["paper_tree"] == joined_name(branch, rule),
+            "where": branch, "paper": wanted, **found, "same": found["paper_tree"] == wanted,
             "errors": {
                 r: {"whole": float(e[0]), "cut": float(e[1])}
                 for r, e in zip(tree.distributions.rules, tree.nodes.rule_errors[k], strict=True)
@@ -102,12 +102,11 @@ def decision_rows(trees: dict[str, InterpretationTree]) -> list[dict[str, Any]]:
 def at_branch(tree: InterpretationTree, branch: str) -> str:
     k = tree.nodes.branch.index(branch)
     top = int(tree.nodes.joined[k])
-    return joined_name(branch, tree.nodes.rule[k], tree.nodes.branch[top] if top != k else None)
+    return joined_name(tree.nodes.rule[k], tree.nodes.branch[top] if top != k else None)
 
 
-def joined_name(branch: str, rule: str, top: str | None = None) -> str:
-    top = top or JOINED.get(branch) if rule != PRUNED else None
-    return f"{rule}, joined to {top}" if top and top != branch else rule
+def joined_name(rule: str, top: str | None) -> str:
+    return rule if top is None else f"{rule}, joined to {top}"
 
 
 def why(row: dict[str, Any]) -> str:
