@@ -15,20 +15,18 @@ from cases.work_models import RegionModel
 from itree_jax.features.edge_support import edge_support
 from itree_jax.features.prominent_edges import edge_table
 from itree_jax.features.relation import MOST_MISFIT, THERE, brother_angle, brother_misfit
+from itree_jax.tree.appearance_rows import DeterminationScales, bounded, take_rows
 from itree_jax.tree.determination import appearance_arrays, attitude_error, rules_used, symmetry_arrays
+from itree_jax.tree.determination_family import DETERMINATION_RULES
+from itree_jax.tree.determination_relations import relation_penalty
 from itree_jax.tree.determination_rules import (
-    DETERMINATION_RULES,
     FAR,
-    DeterminationScales,
     about_normal,
-    bounded,
     compare_shape,
     direction_after_turn,
     facing,
     mass_centre_penalty,
-    relation_penalty,
     shortest_turn,
-    take_rows,
     within_roll,
 )
 

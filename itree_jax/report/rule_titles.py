@@ -1,7 +1,7 @@
 """What each rule compares, in the words of the rule families (Ikeuchi 1987, sec. 2.1.4 and 2.2.1)."""
 
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES, PAIR
-from itree_jax.tree.determination_rules import DETERMINATION_RULES
+from itree_jax.tree.determination_family import DETERMINATION_RULES
 
 RULE_TITLES = {rule.name: rule.title for rule in (*CLASSIFICATION_RULES, *DETERMINATION_RULES)} | {
     "refinement": "all candidates left are refined and verified",

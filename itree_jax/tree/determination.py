@@ -10,28 +10,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE
+from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES
+from itree_jax.tree.determination_relations import brothers_apart, compare_maps, relation_penalty
 from itree_jax.tree.determination_rules import (
-    DETERMINATION_RULE_NAMES,
     FAR,
-    SHORTLIST,
-    AppearanceArrays,
-    DeterminationScales,
     about_normal,
-    bounded,
-    brothers_apart,
-    compare_maps,
     compare_shape,
     direction_penalty,
     egi_candidates,
     egi_elsewhere,
     facing,
     mass_centre_penalty,
-    relation_penalty,
-    take_rows,
     within_roll,
-    wrapped,
 )
 from itree_jax.tree.draws import Draws
 from itree_jax.tree.error_rates import wilson_interval
@@ -47,6 +40,7 @@ OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
 SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
 DRAWS_AT_ONCE = 64
 SCALE_DRAWS, ERROR_DRAWS = 25, 200  # per group, at most: each is compared with every appearance at every turn
+SHORTLIST = 96  # appearances whose maps are compared: a group of ten views at 12 rolls, with some of the next
 TURNS = 32  # about the mean normal, tried for the best one
 RULES = DETERMINATION_RULE_NAMES
 EGI_SCALE = 4  # of the samples: the one whose quartile is taken

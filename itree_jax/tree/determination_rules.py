@@ -7,58 +7,25 @@ at once. A2 compares the whole extended Gaussian image and needs no outline, so 
 content. A5 looks at all turns of all appearances; A6-A8, which cost more, at those that A1, A3 and A4 leave.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
-from itree_jax.features.relation import MOST_MISFIT, brother_angle, brother_misfit
+from itree_jax.tree.appearance_rows import (
+    MOST_PENALTY,
+    AppearanceArrays,
+    DeterminationScales,
+    bounded,
+    take_rows,
+    wrapped,
+)
+from itree_jax.tree.determination_relations import map_penalty
 
-# A region that was cut lies about its direction, outline and size: none of them counts for more than this (2.8 sigma).
-MOST_PENALTY = 4.0
-SHORTLIST = 96  # appearances whose maps are compared: a group of ten views at 12 rolls, with some of the next
 FAR = 1e3  # penalty of a turn that no appearance stands for [log-likelihood]
-
-
-class AppearanceArrays(NamedTuple):
-    """Rows of `Appearances` as determination reads them (padded rows have area 0)."""
-
-    R_cam_obj: Float[Array, "rows 3 3"]
-    group: Int[Array, "rows"]
-    area: Float[Array, "rows"]
-    mean_normal: Float[Array, "rows 3"]
-    concentration: Float[Array, "rows"]  # length of the EGI mass centre
-    egi: Float[Array, "rows cells"]
-    inertia: Float[Array, "rows 4"]
-    outline: Float[Array, "rows n_theta"]
-    centroid_obj: Float[Array, "rows 3"]
-    brothers: Float[Array, "rows most fields"]
-    characteristic_map: Float[Array, "rows radii angles 5"]  # half precision
-    edge_map: Float[Array, "rows radii angles 3"]  # half precision
-    uses: Float[Array, "groups 8"]  # 1 where the group's steps use the rule, columns A1..A8
-
-
-class DeterminationScales(NamedTuple):
-    """Spread of what a true attitude leaves, measured on noisy draws."""
-
-    tilt: Float[Array, ""]  # of the mean normal [rad]: the dome's cells and A1's error
-    direction: Float[Array, ""]  # of A4's direction [rad]
-    outline: Float[Array, ""]  # of A5's relative distance
-    size: Float[Array, ""]  # of log lengths
-    egi: Float[Array, ""]  # of the share of mass that A2 finds elsewhere
-    least_uniqueness: Float[Array, ""]  # below it a region has no inertia direction
-    relation: Float[Array, ""]  # of A3's direction toward a brother [rad]
-    characteristic: Float[Array, ""]  # of A6's lack of agreement, 0..1
-    edges: Float[Array, ""]  # of A7's
-    both: Float[Array, ""]  # of A8's
-    concentration: Float[Array, ""]  # of the length of A1's mass centre
 
 
 class Candidates(NamedTuple):
@@ -139,11 +106,6 @@ def egi_penalty(
     return 0.5 * (jnp.maximum(excess, 0.0) / (2.0 * scales.size)) ** 2, 0.5 * (elsewhere / scales.egi) ** 2
 
 
-def bounded(deviation: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """Penalty of a deviation in its own scale, as of a Gaussian with outliers."""
-    return jnp.minimum(0.5 * deviation**2, MOST_PENALTY)
-
-
 def shape_candidates(
     features: RegionFeatures, rows: AppearanceArrays, group_log_prior: Float[Array, "groups"],
     scales: DeterminationScales, most: int, roll_step: float,
@@ -183,112 +145,6 @@ def direction_penalty(
     """A4: of the angle between inertia directions, where both have one."""
     unique = (features.inertia.uniqueness > scales.least_uniqueness) & (rows.inertia[:, 3] > scales.least_uniqueness)
     return jnp.where(unique[:, None], bounded(seen.direction / scales.direction)[None, :], 0.0)
-
-
-def relation_penalty(
-    features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales
-) -> Float[Array, "rows turns"]:
-    """A3: of the angle between the directions toward brothers, at each turn of the outline; of several brothers the one
-    that fits best. None where a region or an appearance has no brother that could be the other's."""
-    n_theta = rows.outline.shape[-1]
-    step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
-    best = jnp.full((len(rows.area), n_theta), jnp.inf)
-    for seen, stored in product(range(features.brothers.shape[0]), range(rows.brothers.shape[1])):
-        misfit, apart = brothers_apart(features.brothers[seen], rows.brothers[:, stored])
-        turn = jnp.abs(wrapped(apart[:, None] - step)) / scales.relation
-        each = bounded(turn) + bounded(misfit)[:, None]
-        best = jnp.minimum(best, jnp.where((misfit < MOST_MISFIT)[:, None], each, jnp.inf))
-    return jnp.where(jnp.isfinite(best), best, 0.0)
-
-
-def brothers_apart(
-    seen: Float[Array, "fields"], stored: Float[Array, "*n fields"]
-) -> tuple[Float[Array, "*n"], Float[Array, "*n"]]:
-    """Misfit of two brothers, directions left aside, and the angle [rad] from the stored one's to the seen one's."""
-    misfit = brother_misfit(seen, stored, jnp.zeros((), bool))
-    return misfit, brother_angle(seen) - brother_angle(stored)
-
-
-class MapAgreement(NamedTuple):
-    """How much edges and surface characteristics disagree with appearances', 0..1, at each turn of the outline."""
-
-    characteristic: Float[Array, "rows turns"]  # A6
-    edges: Float[Array, "rows turns"]  # A7
-    both: Float[Array, "rows turns"]  # A8: edges where the characteristics are right
-
-
-def compare_maps(features: RegionFeatures, rows: AppearanceArrays) -> MapAgreement:
-    """One region against some appearances; a map that is empty agrees with nothing."""
-    n_theta = rows.outline.shape[-1]
-    finer = jnp.arange(n_theta) * (ANGLES / n_theta)
-    below = jnp.floor(finer).astype(jnp.int32)
-    share = finer - below
-
-    def at_turns(correlation: Float[Array, "rows angles"]) -> Float[Array, "rows turns"]:
-        return correlation[:, below] * (1.0 - share) + correlation[:, (below + 1) % ANGLES] * share
-
-    kinds = at_turns(turn_correlation(features.characteristic_map, rows.characteristic_map.astype(jnp.float32)))
-    edges = at_turns(turn_correlation(features.edge_map, rows.edge_map.astype(jnp.float32)))
-    return MapAgreement(1.0 - kinds, 1.0 - edges, 1.0 - jnp.maximum(kinds, 0.0) * jnp.maximum(edges, 0.0))
-
-
-def map_penalty(
-    features: RegionFeatures, rows: AppearanceArrays, scales: DeterminationScales, at: Int[Array, "rows"]
-) -> Float[Array, "rows"]:
-    """Penalties of A3 and A6-A8 at given turns, of the rules that each row's group uses."""
-    maps = compare_maps(features, rows)
-    uses = rows.uses[rows.group]
-    each = (
-        (2, relation_penalty(features, rows, scales)), (5, bounded(maps.characteristic / scales.characteristic)),
-        (6, bounded(maps.edges / scales.edges)), (7, bounded(maps.both / scales.both)),
-    )  # fmt: skip
-    at_turn = [uses[:, k] * jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] for k, penalty in each]
-    return jnp.sum(jnp.stack(at_turn), axis=0)
-
-
-def take_rows(rows: AppearanceArrays, index: Int[Array, "n"]) -> AppearanceArrays:
-    """Some of the appearances."""
-    return AppearanceArrays(*[values[index] for values in rows[:-1]], uses=rows.uses)
-
-
-@dataclass(frozen=True)
-class DeterminationRule:
-    """One of A1..A8: name, title, cost relative to A1, which freedom it takes, and its penalty
-    (-log-likelihood) of every appearance at every turn. `None`: it compares without turns (A1, A2)."""
-
-    name: str
-    title: str
-    cost: float
-    fixes: str  # "direction", "two rotations", "rotation" or "attitude"
-    penalty: Callable[[RegionFeatures, AppearanceArrays, DeterminationScales], Float[Array, "rows turns"]] | None
-
-
-DETERMINATION_RULES = (
-    DeterminationRule("A1", "EGI mass centre", 1.0, "direction", None),
-    DeterminationRule("A2", "extended Gaussian image", 3.0, "attitude", None),
-    DeterminationRule("A3", "position of observable regions", 2.0, "two rotations", relation_penalty),
-    DeterminationRule(
-        "A4", "inertia direction of original face", 1.0, "two rotations",
-        lambda f, rows, scales: direction_penalty(f, rows, compare_shape(f, rows), scales),
-    ),
-    DeterminationRule(
-        "A5", "rotation of original face shape", 2.0, "rotation",
-        lambda f, rows, scales: bounded(outline_distance(f.outline, rows.outline) / scales.outline),
-    ),
-    DeterminationRule(
-        "A6", "position of surface characteristics", 4.0, "rotation",
-        lambda f, rows, scales: bounded(compare_maps(f, rows).characteristic / scales.characteristic),
-    ),
-    DeterminationRule(
-        "A7", "position of edges", 4.0, "rotation",
-        lambda f, rows, scales: bounded(compare_maps(f, rows).edges / scales.edges),
-    ),
-    DeterminationRule(
-        "A8", "edges relative to surface characteristics", 6.0, "rotation",
-        lambda f, rows, scales: bounded(compare_maps(f, rows).both / scales.both),
-    ),
-)
-DETERMINATION_RULE_NAMES = tuple(rule.name for rule in DETERMINATION_RULES)
 
 
 def within_roll(turn: Float[Array, "*n"], roll_step: float) -> Array:
@@ -335,8 +191,3 @@ def cross_matrix(v: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """K with K x = v x x."""
     zero = jnp.zeros_like(v[0])
     return jnp.stack([jnp.stack([zero, -v[2], v[1]]), jnp.stack([v[2], zero, -v[0]]), jnp.stack([-v[1], v[0], zero])])
-
-
-def wrapped(angle: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """The same angle in -pi..pi."""
-    return angle - 2.0 * jnp.pi * jnp.round(angle / (2.0 * jnp.pi))

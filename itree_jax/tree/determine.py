@@ -9,14 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
+from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales
 from itree_jax.tree.determination import appearance_arrays, rules_used
-from itree_jax.tree.determination_rules import (
-    AppearanceArrays,
-    Candidates,
-    DeterminationScales,
-    egi_candidates,
-    shape_candidates,
-)
+from itree_jax.tree.determination_rules import Candidates, egi_candidates, shape_candidates
 from itree_jax.tree.tree import InterpretationTree
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from itree_jax.tree.choice import ERROR_BOUND, cheapest_of_equals
-from itree_jax.tree.determination_rules import DETERMINATION_RULE_NAMES, DETERMINATION_RULES
+from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES, DETERMINATION_RULES
 
 OPEN = 0  # rotations left: all of them
 PICKING = ("A5", "A6", "A7", "A8")

@@ -18,7 +18,7 @@ from itree_jax.report.markup import count_of, data_uri, number, percent
 from itree_jax.report.rule_titles import rule_title
 from itree_jax.report.truth_view import compare
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES
-from itree_jax.tree.determination_rules import DETERMINATION_RULES
+from itree_jax.tree.determination_family import DETERMINATION_RULES
 from itree_jax.tree.node_quantities import node_quantities, side_samples
 from itree_jax.tree.tree import PRUNED
 

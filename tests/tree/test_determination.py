@@ -12,6 +12,7 @@ from itree_cad.symmetry import Symmetries, rotation, symmetries
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
+from itree_jax.tree.appearance_rows import DeterminationScales
 from itree_jax.tree.determination import (
     FLOORS,
     REACH,
@@ -28,7 +29,6 @@ from itree_jax.tree.determination import (
     scales_of,
     symmetry_arrays,
 )
-from itree_jax.tree.determination_rules import DeterminationScales
 from itree_jax.tree.dome import dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
 

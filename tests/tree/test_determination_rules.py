@@ -17,28 +17,21 @@ from itree_jax.features.polar import ANGLES, RADII
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import BROTHER_FIELDS, MOST_BROTHERS
+from itree_jax.tree.appearance_rows import MOST_PENALTY, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import STORED_BROTHERS, appearances
 from itree_jax.tree.determination import appearance_arrays, attitude_error
+from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES, DETERMINATION_RULES
+from itree_jax.tree.determination_relations import compare_maps, map_penalty, relation_penalty
 from itree_jax.tree.determination_rules import (
-    DETERMINATION_RULE_NAMES,
-    DETERMINATION_RULES,
-    MOST_PENALTY,
-    DeterminationScales,
     about_normal,
-    bounded,
-    compare_maps,
     compare_shape,
     egi_candidates,
     egi_elsewhere,
-    map_penalty,
     mass_centre_penalty,
     outline_distance,
-    relation_penalty,
     shape_candidates,
     shortest_turn,
-    take_rows,
     within_roll,
-    wrapped,
 )
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import roll_rotation

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from itree_jax.tree.choice import ERROR_BOUND
-from itree_jax.tree.determination_rules import DETERMINATION_RULE_NAMES, DETERMINATION_RULES
+from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES, DETERMINATION_RULES
 from itree_jax.tree.freedom import OPEN, Freedom, choose_steps, freedom_along
 
 ALL = Freedom(2, OPEN)
