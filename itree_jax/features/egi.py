@@ -11,7 +11,7 @@ exactly and the image is differentiable in the normals.
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.tree.dome import dome
 
@@ -60,15 +60,22 @@ def spread_patches(
     """
     if len(areas) <= most:
         return normals, areas
-    rank = jnp.cumsum(areas > 0)
-    count = rank[-1]
+    index = spread_places(areas, most)
+    chosen = areas[index]
+    total = jnp.sum(chosen)
+    return normals[index], chosen * jnp.sum(areas) / jnp.where(total > 0, total, 1.0)
+
+
+def spread_places(areas: Float[Array, "n"], most: int) -> Int[Array, "k"]:
+    """Indices of at most `most` patches that have area, evenly spread in their order; the rest are of one that has
+    none."""
+    most = min(most, len(areas))
+    count = jnp.sum(areas > 0)
     kept = jnp.minimum(count, most)
     place = jnp.arange(most)
     wanted = 1 + ((2 * place + 1) * count) // (2 * jnp.maximum(kept, 1))  # ranks 1..count, each at most once
-    index = jnp.minimum(jnp.searchsorted(rank, wanted), len(areas) - 1)
-    chosen = jnp.where(place < kept, areas[index], 0.0)
-    total = jnp.sum(chosen)
-    return normals[index], chosen * jnp.sum(areas) / jnp.where(total > 0, total, 1.0)
+    index = jnp.minimum(jnp.searchsorted(jnp.cumsum(areas > 0), wanted), len(areas) - 1)
+    return jnp.where(place < kept, index, jnp.argmin(areas))
 
 
 def egi_mass_centre(normals: Float[Array, "n 3"], areas: Float[Array, "n"]) -> Float[Array, "3"]:

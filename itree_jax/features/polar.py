@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from itree_jax.features.inertia import window_grid
 from itree_jax.features.rectify import affine_T
 from itree_jax.features.window import Window
 
@@ -23,9 +24,8 @@ def polar_place(
 ) -> tuple[Float[Array, "n"], Float[Array, "n"]]:
     """Radius in cells and angle [rad] from `alpha` of every pixel of a window, on the face."""
     size, pitch = jnp.asarray(window.mask).shape[0], jnp.asarray(window.pitch)
-    offset = (jnp.arange(size, dtype=pitch.dtype) - (size - 1) / 2.0) * pitch
-    x, y = offset[None, :] - centroid[0], offset[:, None] - centroid[1]
-    x, y = T[0, 0] * x + T[0, 1] * y, T[1, 1] * y + 0.0 * x
+    x, y = window_grid(size, pitch) - centroid[:, None, None]
+    x, y = T[0, 0] * x + T[0, 1] * y, T[1, 1] * y
     squared = (x**2 + y**2).reshape(-1)
     safe = jnp.where(squared > 0, squared, 1.0)
     radius = jnp.where(squared > 0, jnp.sqrt(safe), 0.0)

@@ -13,6 +13,7 @@ from itree_jax.features.egi import (
     egi_mass_centre,
     extended_gaussian_image,
     spread_patches,
+    spread_places,
     surface_area,
     visible_cells,
 )
@@ -101,18 +102,6 @@ def where_things_lie(
         "characteristic_map": polar_map(radius[patch], angle[patch], weight),
         "edge_map": polar_map(radius[index], angle[index], lines),
     }
-
-
-def spread_places(areas: Float[Array, "n"], most: int) -> Array:
-    """Indices of at most `most` patches that have area, evenly spread in their order (repeats have no area)."""
-    rank = jnp.cumsum(areas > 0)
-    count = rank[-1]
-    kept = jnp.minimum(count, most)
-    place = jnp.arange(most)
-    wanted = 1 + ((2 * place + 1) * count) // (2 * jnp.maximum(kept, 1))
-    index = jnp.minimum(jnp.searchsorted(rank, wanted), len(areas) - 1)
-    empty = jnp.argmin(areas)
-    return jnp.where(place < kept, index, empty)
 
 
 def grown(mask: Array, by: int) -> Array:
