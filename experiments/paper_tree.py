@@ -23,13 +23,14 @@ import numpy as np
 from itree_cad.bundled import ikeuchi_part
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.compile import compile_tree, draw_regions
+from itree_jax.compile import compile_tree
 from itree_jax.sensing.sensor_file import load_sensor
 from itree_jax.tree.appearance_rows import DeterminationScales
 from itree_jax.tree.choice import ERROR_BOUND, measure_rules
 from itree_jax.tree.classification_rules import rules_in
 from itree_jax.tree.confusion import counted
 from itree_jax.tree.determination import REACH, appearance_arrays, in_batches, rule_errors, rules_used, symmetry_arrays
+from itree_jax.tree.draws import draw_regions
 from itree_jax.tree.error_rates import whole_and_cut
 from itree_jax.tree.tree import PRUNED, InterpretationTree
 from itree_jax.tree.work_models import group_models

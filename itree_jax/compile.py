@@ -18,7 +18,7 @@ from itree_jax.tree.choice import check_policy, choose_rules, distributions, mea
 from itree_jax.tree.confusion import expected_confusion
 from itree_jax.tree.determination import measure_determination
 from itree_jax.tree.dome import camera_rotation, dome, parent_view
-from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
+from itree_jax.tree.draws import draw_regions
 from itree_jax.tree.error_rates import at_stake
 from itree_jax.tree.groups import AttitudeGroups, attitude_groups, group_of_label
 from itree_jax.tree.leaf_models import leaf_models
@@ -118,24 +118,6 @@ def cast_appearances(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> A
 def grouped(table: Appearances, groups: AttitudeGroups) -> Appearances:
     """The table with every attitude's group, by what is detectable at its view and roll."""
     return replace(table, group=group_of_label(groups, table.face_area).astype(np.int32))
-
-
-def draw_regions(
-    mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups, count: int, rng: np.random.Generator
-) -> Draws:
-    """`count` noisy draws from the dome's cells of every group that is kept.
-
-    A draw's true group is that of what is really detectable in it, which need not be its cell's; draws of pruned groups
-    are left out. (A group that no draw shows by its label keeps those of its cells.)
-    """
-    usable = np.flatnonzero(~groups.pruned[groups.group_of_view])
-    cells = dome(groups.frequency).triangles[usable]
-    R_cam_obj, of_cell = random_attitudes(cells, groups.group_of_view[usable], count, rng)
-    drawn = noisy_draws(mesh, sensor, R_cam_obj, of_cell, rng)
-    group = group_of_label(groups, drawn.face_area)
-    shown = np.bincount(group, minlength=groups.group_count)
-    group = np.where(shown[drawn.group] == 0, drawn.group, group)
-    return drawn.regrouped(np.where(groups.pruned[group], -1, group))
 
 
 def field_of_view(sensor: Sensor) -> float:

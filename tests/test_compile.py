@@ -8,9 +8,9 @@ from itree_cad.bundled import bundled_part
 from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.errors import ItreeError
 
-import itree_jax.compile as compiling
 from itree_jax.compile import compile_tree, field_of_view
 from itree_jax.sensing.bundled import bundled_sensor
+from itree_jax.tree import draws as drawing
 from itree_jax.tree.choice import ERROR_BOUND
 from itree_jax.tree.classification_rules import PAIR, RULE_NAMES
 from itree_jax.tree.dome import dome
@@ -129,8 +129,8 @@ def test_the_same_seed_gives_the_same_tree_and_another_other_draws(quick):
 
 
 def test_error_rates_are_measured_on_other_draws_than_the_distributions(quick, monkeypatch):
-    made, render = [], compiling.noisy_draws
-    monkeypatch.setattr(compiling, "noisy_draws", lambda *args: made.append(render(*args)) or made[-1])
+    made, render = [], drawing.noisy_draws
+    monkeypatch.setattr(drawing, "noisy_draws", lambda *args: made.append(render(*args)) or made[-1])
     tree = quick()
     train, test = made
     assert len(train.group) == 8 * int((~tree.groups.pruned).sum()) - train.empty

@@ -109,8 +109,8 @@ def appearances(
     camera, pitch = window_camera(reach)
     R_all = turned(R_cam_obj, rolls).reshape(-1, 3, 3)
     least = sensor.smallest_region / pitch**2
-    def of_batch(first: int) -> list[_Attitude]:
-        return _attitudes(mesh, sensor, R_all[first : first + VIEWS_AT_ONCE], camera, pitch, least)
+    def of_batch(first: int) -> list[SeenAttitude]:
+        return seen_attitudes(mesh, sensor, R_all[first : first + VIEWS_AT_ONCE], camera, pitch, least)
 
     found = [a for batch in on_all_cores(of_batch, range(0, len(R_all), VIEWS_AT_ONCE)) for a in batch]
     every = [(k, a, region) for k, a in enumerate(found) for region in a.regions]
@@ -139,18 +139,19 @@ def appearances(
     )
 
 
-class _Attitude(NamedTuple):
+class SeenAttitude(NamedTuple):
     """One window with its regions."""
 
-    regions: list[Region]
+    regions: list[Region]  # the largest first
     normal: Float[np.ndarray, "s s 3"]
     edges: Float[np.ndarray, "s s 2"]
     face_area: Float[np.ndarray, "faces"]
 
 
-def _attitudes(
+def seen_attitudes(
     mesh: RayMesh, sensor: Sensor, R: Float[np.ndarray, "views 3 3"], camera: Camera, pitch: float, least: float
-) -> list[_Attitude]:
+) -> list[SeenAttitude]:
+    """What the sensor makes of some attitudes without noise."""
     shapes = cast_apparent_shapes(mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit)
     seen = interpretable(shapes, sensor)
     images = window_images(shapes.face >= 0, shapes.normal, shapes.lit, sensor)
@@ -162,7 +163,7 @@ def _attitudes(
             describe_region(mask, shapes.normal[k], shapes.depth[k], camera)
             for mask in largest_regions(seen[k], least)
         ]
-        found.append(_Attitude(regions, shapes.normal[k], edges[k], areas[k]))
+        found.append(SeenAttitude(regions, shapes.normal[k], edges[k], areas[k]))
     return found
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.tree.choice import measure_rules
 from itree_jax.tree.classification_rules import RULE_NAMES
+from itree_jax.tree.draws import draw_regions
 from itree_jax.tree.error_rates import Measured, whole_and_cut, wilson_interval
 from itree_jax.tree.joining import many_way_nodes, many_way_sides, side_said
 from itree_jax.tree.tree import Confusion, InterpretationTree, Nodes
@@ -80,8 +81,6 @@ def counted(tree: InterpretationTree, draws: int, seed: int) -> Counted:
 
     Take a seed that the tree was not compiled with: the draws must be new ones.
     """
-    from itree_jax.compile import draw_regions
-
     part, groups = tree.part, tree.groups
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     fresh = draw_regions(mesh, tree.sensor, groups, draws, np.random.default_rng([seed, 3]))

@@ -21,8 +21,8 @@ from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
 from itree_jax.tree.batches import on_all_cores
-from itree_jax.tree.dome import camera_rotation
-from itree_jax.tree.groups import roll_rotation
+from itree_jax.tree.dome import camera_rotation, dome
+from itree_jax.tree.groups import AttitudeGroups, group_of_label, roll_rotation
 from itree_jax.tree.neighbours import alone, either, with_neighbours
 from itree_jax.tree.sights import (
     Region,
@@ -58,6 +58,24 @@ class Draws:
     def regrouped(self, group: Int[np.ndarray, "draws"]) -> "Draws":
         """The same draws with other true groups; -1 leaves a draw out."""
         return replace(self, group=group).take(np.flatnonzero(group >= 0))
+
+
+def draw_regions(
+    mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups, count: int, rng: np.random.Generator
+) -> Draws:
+    """`count` noisy draws from the dome's cells of every group that is kept.
+
+    A draw's true group is that of what is really detectable in it, which need not be its cell's; draws of pruned groups
+    are left out. (A group that no draw shows by its label keeps those of its cells.)
+    """
+    usable = np.flatnonzero(~groups.pruned[groups.group_of_view])
+    cells = dome(groups.frequency).triangles[usable]
+    R_cam_obj, of_cell = random_attitudes(cells, groups.group_of_view[usable], count, rng)
+    drawn = noisy_draws(mesh, sensor, R_cam_obj, of_cell, rng)
+    group = group_of_label(groups, drawn.face_area)
+    shown = np.bincount(group, minlength=groups.group_count)
+    group = np.where(shown[drawn.group] == 0, drawn.group, group)
+    return drawn.regrouped(np.where(groups.pruned[group], -1, group))
 
 
 def random_attitudes(

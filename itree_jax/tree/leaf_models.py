@@ -1,49 +1,39 @@
 """Taking the work models of the representative attitudes (Ikeuchi 1987, sec. 2.1.3)."""
 
 import numpy as np
-from itree_kernels.apparent import cast_apparent_shapes
-from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Float
 
 from itree_jax.features.characteristic_areas import characteristic_areas
-from itree_jax.features.inertia import face_inertia
 from itree_jax.features.prominent_edges import edge_table, face_frame, prominent_edges
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.window import Window
 from itree_jax.sensor import Sensor
-from itree_jax.tree.appearances import brothers_of_each, interpretable, measured, mesh_reach, window_camera
+from itree_jax.tree.appearances import (
+    WINDOW_SIZE,
+    brothers_of_each,
+    inertia_table,
+    measured,
+    mesh_reach,
+    seen_attitudes,
+    window_camera,
+)
 from itree_jax.tree.groups import AttitudeGroups
 from itree_jax.tree.leaf_model import LeafModel
-from itree_jax.tree.sights import (
-    Region,
-    describe_region,
-    edges_of,
-    largest_regions,
-    needle_deviation,
-    window_images,
-)
+from itree_jax.tree.sights import Region, needle_deviation
 
 
 def leaf_models(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> tuple[LeafModel, ...]:
     """The work models of every group's representative attitude, taken of its largest region."""
     camera, pitch = window_camera(mesh_reach(mesh))
     R = groups.representative_rotations()
-    shapes = cast_apparent_shapes(mesh, R, np.zeros((len(R), 3)), camera, sensor.light_directions, sensor.slant_limit)
-    seen = interpretable(shapes, sensor)
-    images = window_images(shapes.face >= 0, shapes.normal, shapes.lit, sensor)
-    edges = edges_of(np.moveaxis(images, 0, 1), sensor)
-    least = sensor.smallest_region / pitch**2
-    regions: list[list[Region]] = []
-    for k in range(len(R)):
-        masks = largest_regions(seen[k], least) or [np.zeros_like(seen[k])]
-        regions.append([describe_region(m, shapes.normal[k], shapes.depth[k], camera) for m in masks if m.any()])
-    largest = [found[0].mask if found else np.zeros_like(seen[0]) for found in regions]
-    normals = [np.where(m[..., None], shapes.normal[k], 0.0) for k, m in enumerate(largest)]
+    seen = seen_attitudes(mesh, sensor, R, camera, pitch, sensor.smallest_region / pitch**2)
+    largest = [a.regions[0].mask if a.regions else np.zeros((WINDOW_SIZE, WINDOW_SIZE), bool) for a in seen]
+    normals = [np.where(m[..., None], a.normal, 0.0) for m, a in zip(largest, seen, strict=True)]
     needle_std = needle_deviation(sensor.noise)
-    features = measured(largest, normals, list(edges), pitch, needle_std)
+    features = measured(largest, normals, [a.edges for a in seen], pitch, needle_std)
     return tuple(
-        _leaf_model(R[k], largest[k], normals[k], edges[k], regions[k], features, k, pitch, needle_std)
+        _leaf_model(R[k], largest[k], normals[k], seen[k].edges, seen[k].regions, features, k, pitch, needle_std)
         for k in range(len(R))
     )
 
@@ -56,13 +46,12 @@ def _leaf_model(
     found = prominent_edges(edges, window)
     areas = characteristic_areas(window, needle_std) if mask.any() else []
     frame = face_frame(window)
-    inertia = face_inertia(window)
     alpha = np.full(max(len(regions), 1), float(features.inertia.alpha[k]))
     beside = brothers_of_each([regions], alpha) if regions else brothers_of_each([], alpha)
     return LeafModel(
         R_cam_obj=R, mask=mask, pitch=pitch, mean_normal=np.asarray(features.mean_normal[k]), T=np.asarray(frame.T),
         centroid=np.asarray(frame.centroid),
-        inertia=np.array([inertia.I_max, inertia.I_min, inertia.alpha, inertia.uniqueness], np.float32),
+        inertia=inertia_table(features)[k],
         outline=np.asarray(features.outline[k]), egi=np.asarray(features.egi[k]),
         mass_centre=np.asarray(features.mass_centre[k]), area=float(features.area[k]),
         shares=np.asarray(features.shares[k]), edges=edge_table(found, len(found)),
@@ -72,10 +61,3 @@ def _leaf_model(
         area_surface=np.array([a.area for a in areas], np.float32),
         brothers=beside[0] if len(beside) else np.zeros(beside.shape[1:], np.float32),
     )
-
-
-def orthographic(model: LeafModel, finer: int = 1) -> Camera:
-    """The camera of a leaf model's window, with pixels `finer` times as small."""
-    size = len(model.mask) * finer
-    centre, scale = (size - 1) / 2.0, finer / model.pitch
-    return Camera("orthographic", scale, scale, centre, centre, size, size)

@@ -48,13 +48,6 @@ def relative_intensities(sensor: Sensor) -> Float[np.ndarray, "lights"]:
     return sensor.light_intensities / sensor.light_intensities.max()
 
 
-def interpreted(
-    images: Float[np.ndarray, "lights pixels"], sensor: Sensor, seed: int
-) -> tuple[Bool[np.ndarray, "pixels"], Float[np.ndarray, "pixels 3"]]:
-    """What photometric stereo makes of the pixels under the sensor's noise: which are detectable, and their needles."""
-    return read(noisy(images, sensor, seed), sensor)
-
-
 def noisy(images: Float[np.ndarray, "lights *pixels"], sensor: Sensor, seed: int) -> Float[np.ndarray, "lights *n"]:
     """Images under the sensor's noise."""
     noise = sensor.noise

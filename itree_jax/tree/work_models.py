@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.region import RegionFeatures
@@ -103,8 +103,3 @@ def allowed_turns(unique: Bool[Array, "*n"]) -> Bool[Array, "*n angles"]:
 def each_region(function, features: RegionFeatures, models: GroupModels) -> Float[Array, "regions groups"]:
     """An agreement of every region of a batch, a few at a time, which bounds its memory."""
     return jax.lax.map(lambda f: function(f, models), features, batch_size=8)
-
-
-def rows_of(table: Appearances, group: int) -> Int[np.ndarray, "rows"]:
-    """Appearances of one group."""
-    return np.flatnonzero(table.group[table.attitude] == group)

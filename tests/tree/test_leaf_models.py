@@ -7,7 +7,6 @@ import pytest
 from itree_jax.features.characteristics import CHARACTERISTICS
 from itree_jax.features.relation import ACROSS, ALONG, FACING, OUT, SIZE, THERE
 from itree_jax.tree.leaf_model import LeafModel
-from itree_jax.tree.leaf_models import orthographic
 
 END, INNER = 30.0, 16.0  # cylinders from x = 16 to 30 and -30 to -16
 RADIUS, HALF_BLOCK = 20.0, 17.0
@@ -112,12 +111,3 @@ def test_s3_and_s4_are_mirror_images(tree_of_the_paper):
     assert len(one.areas) == len(other.areas) == 3
     mirrored = np.sort(one.areas.mean(axis=1) * [-1, 1], axis=0)
     np.testing.assert_allclose(mirrored, np.sort(other.areas.mean(axis=1), axis=0), atol=PIXEL)
-
-
-def test_the_window_camera_has_the_models_pitch(tree_of_the_paper):
-    model = model_of(tree_of_the_paper, "11100000")
-    for finer in (1, 3):
-        camera = orthographic(model, finer)
-        assert camera.width == camera.height == finer * len(model.mask)
-        assert camera.mm_per_px(1.0) == pytest.approx(model.pitch / finer)
-        np.testing.assert_allclose(camera.project(np.zeros((1, 3)))[0], (camera.width - 1) / 2)

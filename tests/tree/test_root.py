@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.compile import draw_regions
 from itree_jax.root_answer import root_quantities
+from itree_jax.tree.draws import draw_regions
 from itree_jax.tree.forest import compile_forest
 from itree_jax.tree.root import (
     LEAST_BEHIND,

@@ -13,7 +13,6 @@ from itree_jax.tree.sights import (
     BRIGHTEST,
     PIXELS_AT_ONCE,
     describe_region,
-    interpreted,
     lit_images,
     needle_deviation,
     noisy,
@@ -43,10 +42,11 @@ def test_without_noise_the_needles_come_back_and_the_slant_limit_cuts(sensor):
     normal = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), -np.cos(angle)], axis=1)
     images = lit_images(normal, np.ones((3, 200), bool), sensor)
     assert (np.abs(angle - sensor.slant_limit) > 1e-4).all()
-    seen, needles = interpreted(images, dataclasses.replace(sensor, noise=QUIET), seed=1)
+    quiet = dataclasses.replace(sensor, noise=QUIET)
+    seen, needles = read(noisy(images, quiet, 1), quiet)
     np.testing.assert_array_equal(seen, angle < sensor.slant_limit)
     np.testing.assert_allclose(needles[seen], normal[seen], atol=5e-4)
-    rough = interpreted(images, sensor, seed=1)[1]
+    rough = read(noisy(images, sensor, 1), sensor)[1]
     error = np.degrees(np.arccos(np.clip((rough * normal).sum(1), -1, 1)))[seen]
     assert 0.05 < np.median(error) < 2.0  # a hundred times the electrons' noise of one part in a hundred
 

@@ -20,7 +20,6 @@ from itree_jax.tree.work_models import (
     edge_characteristic_agreement,
     group_models,
     relation_agreement,
-    rows_of,
 )
 
 SIZE = np.float32(2.5)  # half the logarithm of the area [mm^2] of a region and of all exemplars here
@@ -34,7 +33,7 @@ def models(paper_tree):
 def exemplar_rows(table, group: int) -> np.ndarray:
     """The rows that the exemplars of a group are taken from: largest regions, spread evenly."""
     first = np.flatnonzero(np.append(True, np.diff(table.attitude) > 0))
-    own = np.intersect1d(first, rows_of(table, group))
+    own = first[table.group[table.attitude[first]] == group]
     return own[np.unique(np.linspace(0, len(own) - 1, EXEMPLARS).round().astype(int))] if len(own) else own
 
 
