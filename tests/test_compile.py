@@ -8,6 +8,7 @@ from itree_cad.bundled import bundled_part
 from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.errors import ItreeError
 
+import itree_jax.compile as compiling
 from itree_jax.compile import compile_tree, field_of_view
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.tree import draws as drawing
