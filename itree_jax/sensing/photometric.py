@@ -182,6 +182,7 @@ def _needles(
         normal_std=jnp.where(enough, across / unit, 0.0),
         normal_bias=jnp.where(enough, across_shared / unit, 0.0),
         shadow_probability=jnp.moveaxis(jnp.zeros_like(shown.x), 0, -3),
+        reaching=jnp.moveaxis(reaching, 0, -3),
     )
 
 
