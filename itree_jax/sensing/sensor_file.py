@@ -16,8 +16,9 @@ from jaxtyping import Bool
 from itree_jax.sensing.bundled import SLANT_LIMIT, SMALLEST_REGION, bundled_sensor
 from itree_jax.sensing.image_file import png_bytes, read_image
 from itree_jax.sensing.json_check import check_json
-from itree_jax.sensing.lights import checked_lights
+from itree_jax.sensing.lights import lights_of_entry
 from itree_jax.sensing.scene_folder import scene_folders, sensor_of_scene
+from itree_jax.sensing.scene_writer import lights_entry
 from itree_jax.sensor import Noise, Sensor
 
 SENSOR_SCHEMA: dict[str, Any] = json.loads(
@@ -51,16 +52,17 @@ def sensor_from_json(data: Any, where: str, folder: Path | None = None) -> Senso
     """The sensor that `data` (see `SENSOR_SCHEMA`) describes. `where` names it in errors; a mask lies in `folder`."""
     check_json(data, SENSOR_SCHEMA, where)
     camera = _camera(data["camera"], where)
-    lights, response = data["lights"], data.get("response", "linear")
-    directions, intensities = checked_lights(lights["directions"], lights.get("intensities"), f"{where}: lights")
+    response, working_distance = data.get("response", "linear"), float(data["working_distance_mm"])
+    lights = lights_of_entry(data["lights"], working_distance, f"{where}: lights")
     return Sensor(
         camera=camera,
-        light_directions=directions,
-        light_intensities=intensities * _exposure(lights, len(directions), where),
+        light_directions=lights.directions,
+        light_intensities=lights.intensities * exposure_of(data["lights"], len(lights.directions), where),
+        light_positions=lights.positions,
         noise=Noise(**data.get("noise", {})),
         slant_limit=float(np.radians(data.get("slant_limit_deg", np.degrees(SLANT_LIMIT)))),
         smallest_region=float(data.get("smallest_region_mm2", SMALLEST_REGION)),
-        working_distance=float(data["working_distance_mm"]),
+        working_distance=working_distance,
         distortion=_distortion(data["camera"], camera, where),
         gamma=1.0 if response == "linear" else float(response["gamma"]),
         region_of_interest=_region_of_interest(data.get("region_of_interest"), camera, where, folder),
@@ -74,10 +76,7 @@ def sensor_to_json(sensor: Sensor) -> dict[str, Any]:
     camera = {"kind": c.kind, "matrix": [[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]]}
     data = {
         "camera": {**camera, "size": [c.width, c.height], "distortion": list(sensor.distortion)},
-        "lights": {
-            "directions": sensor.light_directions.tolist(),
-            "intensities": sensor.light_intensities.tolist(),
-        },
+        "lights": lights_entry(sensor),
         "response": "linear" if sensor.gamma == 1.0 else {"gamma": sensor.gamma},
         "noise": asdict(sensor.noise),
         "slant_limit_deg": float(np.degrees(sensor.slant_limit)),
@@ -139,7 +138,7 @@ def _distortion(data: dict[str, Any], camera: Camera, where: str) -> tuple[float
     return values
 
 
-def _exposure(lights: dict[str, Any], count: int, where: str) -> np.ndarray:
+def exposure_of(lights: dict[str, Any], count: int, where: str) -> np.ndarray:
     exposure = np.asarray(lights.get("exposure", 1.0), dtype=np.float64)
     if exposure.shape not in ((), (count,)):
         raise ItreeError(f"{where}: 'lights.exposure' has {exposure.size} values for {count} lights")
