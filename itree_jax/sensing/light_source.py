@@ -1,6 +1,5 @@
 """Where a stage that works on plain images finds its lights: a JSON file, a scene folder, or DiLiGenT's text files."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from itree_jax.sensing.bundled import SMALLEST_REGION
 from itree_jax.sensing.json_check import check_json
 from itree_jax.sensing.lights import Lights, checked_lights, lights_of_entry, slant_limit_of
 from itree_jax.sensing.reaching import DEFAULT_SLANT_LIMIT
-from itree_jax.sensing.sensor_file import SENSOR_SCHEMA, exposure_of, load_sensor
+from itree_jax.sensing.sensor_file import SENSOR_SCHEMA, exposure_of, load_sensor, read_json
 from itree_jax.sensor import Noise, Sensor
 
 DIRECTIONS, INTENSITIES = "light_directions.txt", "light_intensities.txt"
@@ -79,10 +78,7 @@ def with_lights(sensor: Sensor, lights: Lights) -> Sensor:
 
 def _lights_object(path: Path) -> Lights | None:
     """The lights of a file that is a "lights" object alone; None of another JSON object, which is a sensor's."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
+    data = read_json(path)
     if isinstance(data, dict) and "camera" in data:
         return None
     check_json(data, SENSOR_SCHEMA["properties"]["lights"], str(path))

@@ -41,10 +41,20 @@ def load_sensor(source: str | Path) -> Sensor:
         raise ItreeError(
             f"sensor '{source}' is neither a JSON file nor a scene folder nor bundled; try 'bundled:ikeuchi-1987'"
         )
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
+    return sensor_from_json(read_json(path), str(path), path.parent)
+
+
+def load_unlit_sensor(source: str | Path) -> Sensor:
+    """`load_sensor` of a source whose lights are still to be found: a JSON file may leave out "lights".
+
+    The three lights that the sensor then has stand for none. Raises `ItreeError` as `load_sensor` does.
+    """
+    path = Path(source)
+    if not path.is_file():
+        return load_sensor(source)
+    data = read_json(path)
+    if isinstance(data, dict):
+        data.setdefault("lights", {"directions": bundled_sensor("bench").light_directions.tolist()})
     return sensor_from_json(data, str(path), path.parent)
 
 
@@ -94,8 +104,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
         data["region_of_interest"] = _rectangle(sensor.region_of_interest) or f"{path.stem}.mask.png"
         if isinstance(data["region_of_interest"], str):
             mask = sensor.region_of_interest.astype(np.uint8) * 255
-            _replace(path.with_name(data["region_of_interest"]), png_bytes(mask))
-    _replace(path, (json.dumps(data, indent=2) + "\n").encode())
+            replace_file(path.with_name(data["region_of_interest"]), png_bytes(mask))
+    replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
 
 
 def fingerprint(sensor: Sensor) -> str:
@@ -110,6 +120,14 @@ def fingerprint(sensor: Sensor) -> str:
         "smallest_region": round(sensor.smallest_region, 6),
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds. Raises `ItreeError` if it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
 
 
 def _camera(data: dict[str, Any], where: str) -> Camera:
@@ -174,7 +192,7 @@ def _rectangle(mask: Bool[np.ndarray, "height width"]) -> list[int] | None:
     return [x, y, w, h] if mask.sum() == w * h else None
 
 
-def _replace(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write whole or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

@@ -91,17 +91,35 @@ def strengths_along(
 
     Raises `ItreeError` if too few pixels are lit.
     """
-    seen = sphere_pixels(sphere, images.shape[1:])
-    strengths, residuals = [], []
-    for image, light in zip(images, directions, strict=True):
-        shade, x = seen.normal @ light, image[seen.used]
-        lit = (shade > LIT) & (x < SATURATED)
-        if lit.sum() < LEAST_PIXELS:
-            raise ItreeError(f"the sphere has {int(lit.sum())} lit, unsaturated pixels under light {light.round(3)}")
-        strength = float(np.median(x[lit] / shade[lit]))
-        strengths.append(strength)
-        residuals.append(1.4826 * float(np.median(np.abs(x[lit] - strength * shade[lit]))) / strength)
-    return Shading(directions, np.array(strengths), np.array(residuals))
+    seen = [lit_by(image, sphere, light) for image, light in zip(images, directions, strict=True)]
+    strengths = np.array([s.strength for s in seen])
+    return Shading(directions, strengths, np.array([s.scatter for s in seen]) / strengths)
+
+
+class LitSphere(NamedTuple):
+    """A sphere's image beside what one light of known direction makes of it."""
+
+    strength: float
+    scatter: float  # robust standard deviation of the residual
+    predicted: Float[np.ndarray, "height width"]  # 0 off the sphere and in attached shadow
+    residual: Float[np.ndarray, "height width"]  # image less prediction
+    used: Bool[np.ndarray, "height width"]  # lit, not saturated, not near the rim
+
+
+def lit_by(
+    image: Float[np.ndarray, "height width"], sphere: Sphere, light: Float[np.ndarray, "3"]
+) -> LitSphere:
+    """What a light along the unit direction `light` predicts; its strength is the median ratio over lit pixels."""
+    seen = sphere_pixels(sphere, image.shape)
+    shade = np.zeros(image.shape)
+    shade[seen.used] = np.maximum(seen.normal @ light, 0.0)
+    used = (shade > LIT) & (image < SATURATED)
+    if used.sum() < LEAST_PIXELS:
+        raise ItreeError(f"the sphere has {int(used.sum())} lit, unsaturated pixels under light {light.round(3)}")
+    strength = float(np.median(image[used] / shade[used]))
+    residual = image - strength * shade
+    scatter = 1.4826 * float(np.median(np.abs(residual[used])))
+    return LitSphere(strength, scatter, strength * shade, residual, used)
 
 
 def _fit(
