@@ -71,14 +71,14 @@ class Needle:
     def _solve(self, given: "NeedleInput") -> "NeedleMap":
         import numpy as np
 
+        from itree_jax.sensing.near_lights import lights_of
         from itree_jax.sensing.needle import NeedleMap
         from itree_jax.sensing.photometric import least_squares, needle_map
 
         if self.method == "robust":
             found = needle_map(given.images, given.sensor, given.depth, self.albedo_tolerance)
         else:
-            s = given.sensor
-            found = least_squares(given.images, s.light_directions, s.light_intensities, s.noise)
+            found = least_squares(given.images, *lights_of(given.sensor, given.depth), given.sensor.noise)
         return NeedleMap(*(np.asarray(a) for a in found))
 
 
@@ -99,10 +99,12 @@ def _table(given: "NeedleInput", needle: "NeedleMap", there: object) -> "Table":
     import numpy as np
     from rich.table import Table
 
+    from itree_jax.sensing.needle_files import uncertainty
+
     mask = np.asarray(there)
     share = 100.0 * mask.sum() / max(int(given.mask.sum()), 1)
     albedo = f"{np.median(needle.albedo[mask]):.3f}" if mask.any() else "-"
-    std = f"{np.degrees(np.median(needle.normal_std[mask])):.2f}" if mask.any() else "-"
+    std = f"{np.degrees(np.median(uncertainty(needle)[mask])):.2f}" if mask.any() else "-"
     table = Table("lights", "pixels asked for", "with a normal [%]", "median albedo", "median std [deg]")
     table.add_row(str(len(given.images)), str(int(given.mask.sum())), f"{share:.1f}", albedo, std)
     return table

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from itree_jax.sensing.lights import axis_point
 from itree_jax.sensing.needle import Array
+from itree_jax.sensor import Sensor
 
 
 def near_light_field(
@@ -31,6 +32,19 @@ def near_light_field(
     square = (to_light**2).sum(-1)
     reference = ((p - jnp.asarray(axis_point(working_distance), p.dtype)) ** 2).sum(-1)
     return to_light / jnp.sqrt(square)[..., None], e * reference / square
+
+
+def lights_of(sensor: Sensor, depth: Float[Array, "height width"] | None = None) -> tuple[Array, Array]:
+    """Directions and intensities as `photometric_stereo` takes them: of distant lights [lights, 3] and [lights].
+
+    Of near ones those of `near_light_field` at the surface that `depth` [mm] tells, else at the working distance.
+    """
+    if sensor.light_positions is None:
+        return sensor.light_directions, sensor.light_intensities
+    surface = sensor.working_distance if depth is None else depth
+    return near_light_field(
+        sensor.light_positions, sensor.light_intensities, surface, sensor.camera, sensor.working_distance
+    )
 
 
 def _surface(z: Float[Array, "height width"], camera: Camera) -> Float[Array, "height width 3"]:

@@ -18,7 +18,8 @@ def write_needle_map(
 
     - `normals.npy` float32 [height, width, 3]: unit, camera frame (x right, y down, z forward), NaN where none
     - `albedo.npy` float32 [height, width]: of full scale under a light of intensity 1, NaN where none
-    - `uncertainty.npy` float32 [height, width]: standard deviation [rad] of the normal's direction, NaN where none
+    - `uncertainty.npy` float32 [height, width]: standard deviation [rad] of the normal's direction, from the sensor's
+      noise and the model's error together, NaN where none
     - `mask.png` 8 bit: 255 where there is a normal
     - `normals.png` 16 bit: red green blue = x y z of the camera frame, 0..65535 for -1..1; 0 0 0 where none
     """
@@ -26,10 +27,15 @@ def write_needle_map(
     normals = _where(there[..., None], needle.normals)
     np.save(folder / "normals.npy", normals / np.linalg.norm(normals, axis=-1, keepdims=True))
     np.save(folder / "albedo.npy", _where(there, needle.albedo))
-    np.save(folder / "uncertainty.npy", _where(there, needle.normal_std))
+    np.save(folder / "uncertainty.npy", _where(there, uncertainty(needle)))
     (folder / "mask.png").write_bytes(png_bytes(np.where(there, 255, 0).astype(np.uint8)))
     (folder / "normals.png").write_bytes(png_bytes(encoded_normals(normals)))
     return there
+
+
+def uncertainty(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
+    """Standard deviation [rad] of each normal's direction: noise, and what Lambert's law and direct light leave out."""
+    return np.hypot(np.asarray(needle.normal_std), np.asarray(needle.normal_bias))
 
 
 def encoded_normals(normals: Float[np.ndarray, "height width 3"]) -> UInt16[np.ndarray, "height width 3"]:
