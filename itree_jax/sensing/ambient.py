@@ -17,7 +17,7 @@ def subtract_ambient(
     saturated, so is every image. The ambient light's own shot noise is not added to the noise model. Raises
     `ItreeError` if the sizes differ or the frame is brighter than the images (then it is none, or was exposed longer).
     """
-    if ambient.ndim not in (2, 3) or np.broadcast_shapes(ambient.shape, images.shape[-3:]) != images.shape[-3:]:
+    if ambient.shape not in (images.shape[-2:], images.shape[-3:]):
         raise ItreeError(
             f"the ambient frame is {ambient.shape[-1]} x {ambient.shape[-2]} px, the images are {images.shape[-1]} x "
             f"{images.shape[-2]} px"

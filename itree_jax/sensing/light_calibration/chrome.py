@@ -82,7 +82,7 @@ def _highlight(
             "is it the mirror sphere?"
         )
     v, u = np.nonzero(blob)
-    weight = image[blob]
+    weight = image[blob] - HALF * peak  # fades out at the blob's edge, so that no pixel comes in or goes by a hair
     return np.array([np.average(u, weights=weight), np.average(v, weights=weight)]), float(np.sqrt(area / np.pi))
 
 
