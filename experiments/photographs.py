@@ -145,7 +145,8 @@ def tile(needle: NeedleMap, error: np.ndarray, mask: np.ndarray, words: str) -> 
 
 
 def needle_table(found: dict[str, Any]) -> str:
-    lines = ["| object | method | lights | answered | mean | median | least squares there |", "|---|---|---|---|---|---|---|"]
+    heads = ("object", "method", "lights", "answered", "mean", "median", "least squares there")
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, result in found.items():
         for method, row in result["rows"].items():
             lines.append(

@@ -75,10 +75,11 @@ class Needle:
         from itree_jax.sensing.needle import NeedleMap
         from itree_jax.sensing.photometric import least_squares, needle_map
 
+        images = np.where(given.mask, given.images, np.float32(0.0))  # the dominant albedo is that inside
         if self.method == "robust":
-            found = needle_map(given.images, given.sensor, given.depth, self.albedo_tolerance)
+            found = needle_map(images, given.sensor, given.depth, self.albedo_tolerance)
         else:
-            found = least_squares(given.images, *lights_of(given.sensor, given.depth), given.sensor.noise)
+            found = least_squares(images, *lights_of(given.sensor, given.depth), given.sensor.noise)
         return NeedleMap(*(np.asarray(a) for a in found))
 
 

@@ -155,7 +155,7 @@ def test_one_place_or_parallel_rays_tell_no_position():
         triangulate(np.array([[[0.0, 0, 500]] * 3, [[50.0, 0, 500]] * 3]), np.stack([L, L]))
 
 
-PLACES = [Sphere(PINHOLE, np.array(c), 20.0, 0.0) for c in ([-40.0, 0, 300], [35.0, 10, 320], [0.0, -30, 280])]
+PLACES = [Sphere(PINHOLE, np.array(c), 45.0, 0.0) for c in ([-40.0, 0, 300], [35.0, 10, 320], [0.0, -30, 280])]
 
 
 def test_spheres_at_three_places_tell_where_the_lamps_stand():
@@ -180,7 +180,7 @@ def test_the_whole_calibration_finds_near_lamps(kind, tmp_path):
     found = calibrate(places, kind, near_at=DISTANCE)
     assert found.positions is not None
     error = np.linalg.norm(found.positions - POSITIONS, axis=1)
-    assert error.max() < (0.1 if kind == "matte" else 2.0)  # of 260; a pixel of a highlight is 10
+    assert error.max() < (0.1 if kind == "matte" else 4.0)  # of 260; a pixel of a highlight is 20
     if kind == "matte":
         np.testing.assert_allclose(found.intensities, INTENSITIES / INTENSITIES.mean(), rtol=2e-3)
         assert degrees_between(found.directions, SENSOR.light_directions).max() < 0.05
