@@ -22,7 +22,7 @@ class DepthSides(NamedTuple):
 
     step: Float[np.ndarray, "points"]  # [mm] beyond what the slopes of both sides allow; > 0 if `direction` goes back
     is_step: Bool[np.ndarray, "points"]
-    turn: Float[np.ndarray, "points"]  # [rad] between the slopes across the edge
+    turn: Float[np.ndarray, "points"]  # [rad] between the slopes across the edge: > 0 convex, < 0 concave
 
 
 def depth_sides(
@@ -37,7 +37,8 @@ def depth_sides(
     middle = 0.5 * (near + far) if sensor.camera.kind == "pinhole" else np.ones_like(near)
     mm = sensor.camera.mm_per_px(1.0) * np.where(middle > 0.0, middle, 1.0)
     slopes = [_slopes(smooth, uv, direction, *places) for places in DEPTH_PLACES]
-    turn = np.min([np.abs(np.arctan(a / mm) - np.arctan(b / mm)) for a, b in slopes], axis=0)  # NaN if one is
+    turns = np.stack([np.arctan(b / mm) - np.arctan(a / mm) for a, b in slopes])
+    turn = np.take_along_axis(turns, np.argmin(np.abs(turns), axis=0)[None], axis=0)[0]  # NaN if one is
     before, after = slopes[0]
     least, most = 2.0 * ACROSS * np.minimum(before, after), 2.0 * ACROSS * np.maximum(before, after)
     change = np.where((near > 0.0) & (far > 0.0), far - near, np.nan)

@@ -1,4 +1,4 @@
-"""What lies on both sides of an edge point: intensities under each light, normals."""
+"""Intensities on both sides of an edge point, under each light."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from itree_jax.sensing.edge_points import SMOOTHING, EdgePoints, nearest, sampled
-from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.edge_points import SMOOTHING, sampled
 from itree_jax.sensor import Sensor
 
 # [px] from the edge. Nearer, the smoothed step reaches to the sample (2 % of it at 2 px); farther, the next edge does.
@@ -21,6 +20,8 @@ class LightSides(NamedTuple):
     bright: Float[np.ndarray, "points lights"]  # on the brighter side, for each light by itself
     dark: Float[np.ndarray, "points lights"]
     change: Float[np.ndarray, "points lights"]  # absolute, shading that goes on across the edge taken off
+    # cos of the angle in the image between the way to the darker side and the way to the light.
+    toward: Float[np.ndarray, "points lights"]
     share: Float[np.ndarray, "points"]  # of the lights whose intensity changes
 
 
@@ -41,15 +42,8 @@ def light_sides(
     on_slope = profile @ np.linalg.pinv(design)[2]
     change = np.minimum(bright - dark, np.abs(on_slope))
     share = (change > SHOWN * np.maximum(bright.max(axis=1, keepdims=True), 1e-9)).mean(axis=1)
-    return LightSides(bright, dark, change, share)
-
-
-def needle_turn(needle: NeedleMap, points: EdgePoints) -> Float[np.ndarray, "points"]:
-    """Angle [rad] between the normals on both sides of an edge, NaN where one of them is uninterpretable."""
-    known = np.asarray(needle.interpretable, np.float32)
-    places = [points.uv + t * points.direction for t in (-PLACES[1], PLACES[1])]
-    both = np.all([nearest(known, place) > 0.5 for place in places], axis=0)
-    normals = np.asarray(needle.normals, np.float32)
-    a, b = (np.stack([nearest(normals[..., k], place) for k in range(3)], axis=-1) for place in places)
-    cosine = np.clip((a * b).sum(axis=-1), -1.0, 1.0)
-    return np.where(both, np.arccos(cosine), np.nan)
+    to_light = sensor.light_directions[:, :2] / np.maximum(
+        np.linalg.norm(sensor.light_directions[:, :2], axis=1, keepdims=True), 1e-9
+    )
+    toward = np.where(b < a, 1.0, -1.0) * (direction @ to_light.T)
+    return LightSides(bright, dark, change, toward, share)
