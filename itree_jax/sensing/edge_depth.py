@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from itree_jax.sensing.depth_steps import depth_step_limit
 from itree_jax.sensing.edge_points import EdgePoints, joined, nearest, sampled
-from itree_jax.sensing.regions import depth_step_limit
 from itree_jax.sensor import Sensor
 
 DEPTH_BOX = 5  # [px] depth is averaged over so much: 0.3 mm of noise becomes 0.06
