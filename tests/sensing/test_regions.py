@@ -9,8 +9,9 @@ from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 
 from itree_jax.sensing.bundled import bundled_sensor
+from itree_jax.sensing.depth_steps import depth_noise, depth_step_limit
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.regions import NO_REGION, depth_noise, depth_step_limit, regions
+from itree_jax.sensing.regions import NO_REGION, regions
 
 SIZE = 60
 UPWARD = np.array([0.0, 0.0, -1.0])
