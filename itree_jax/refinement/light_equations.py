@@ -1,0 +1,105 @@
+"""Photometric residuals of recognised parts as functions of their rotation, of the lights and of the albedo.
+
+A Lambertian pixel p of part k under light i shows I = a n . g_i + noise, where a is the albedo, n = R_k n_obj the
+normal that the pose gives it, and g_i = e_i l_i the light's direction times its intensity: linear in the lights, and in
+the pose through n alone (delta n = omega x n; that a curved surface also slides under its pixel is left out, as for
+needles). So each part and light has a block of seven unknowns (omega [rad], g, log a), and these blocks are all that
+the joint normal equations need.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from itree_jax.refinement.residuals import tukey
+from itree_jax.sensing.needle import Array
+
+OMEGA, LIGHT, ALBEDO = slice(0, 3), slice(3, 6), 6  # places of the unknowns in a block
+
+
+class LitPixels(NamedTuple):
+    """Pixels at which recognised parts are visible, padded; `used` is False in the padding."""
+
+    intensity: Float[Array, "pixels lights"]  # as stored, 1.0 = full scale
+    std: Float[Array, "pixels lights"]  # of the sensor's noise
+    used: Bool[Array, "pixels lights"]  # lit by the light, not saturated, far from every edge
+    normal: Float[Array, "pixels 3"]  # of the part at its pose, camera frame
+    part: Int[Array, "pixels"]
+    face: Int[Array, "pixels"]  # consecutive numbers of component faces, each part's apart
+
+
+class ModelErrors(NamedTuple):
+    """How far a Lambertian surface under distant lights is believed; all relative to albedo times intensity."""
+
+    pixel: Float[Array, ""]  # standard deviation at one pixel, beside the sensor's noise
+    face_bias: Float[Array, ""]  # shared by a face under one light: reflected light, reflectance
+    gate: Float[Array, ""]  # beyond it (or four times the noise) the model does not hold at a pixel
+
+
+class LightEquations(NamedTuple):
+    """Sums over the pixels of each part under each light: w d d^T, w d r, Tukey's loss, and how many were looked at."""
+
+    hessian: Float[Array, "parts lights 7 7"]
+    gradient: Float[Array, "parts lights 7"]
+    loss: Float[Array, "parts lights"]  # of the residual over its gate: 0 none .. 1 beyond the gate
+    count: Float[Array, "parts lights"]
+
+
+def predicted_intensity(
+    normal: Float[Array, "*pixels 3"], lights: Float[Array, "lights 3"], albedo: Float[Array, "*pixels"]
+) -> Float[Array, "*pixels lights"]:
+    """a n . g of every pixel under every light."""
+    return albedo[..., None] * (normal @ lights.T)
+
+
+def light_jacobian(
+    normal: Float[Array, "*pixels 3"], lights: Float[Array, "lights 3"], albedo: Float[Array, "*pixels"]
+) -> Float[Array, "*pixels lights 7"]:
+    """Derivatives of `predicted_intensity` with respect to (omega, g, log albedo): a (n x g), a n, a n . g."""
+    a = albedo[..., None, None]
+    turned = jnp.cross(normal[..., None, :], lights)
+    along = jnp.broadcast_to(normal[..., None, :], turned.shape)
+    shading = (normal @ lights.T)[..., None]
+    return jnp.concatenate([a * turned, a * along, a * shading], axis=-1)
+
+
+@partial(jax.jit, static_argnames=("parts", "faces"))
+def light_equations(
+    pixels: LitPixels,
+    lights: Float[Array, "lights 3"],
+    albedo: Float[Array, "parts"],
+    errors: ModelErrors,
+    parts: int,
+    faces: int,
+) -> LightEquations:
+    """The blocks of all parts and lights. `parts` and `faces` are upper bounds of the numbers in `pixels`.
+
+    Weights are Tukey's biweight over the variance, with the bias that a face's pixels share: N pixels of one face are
+    worth no more than 1 / face_bias^2. Reflected light is an error of one sign, and mostly beyond the gate.
+    """
+    a = albedo[pixels.part]
+    residual = pixels.intensity - predicted_intensity(pixels.normal, lights, a)
+    full = a[:, None] * jnp.linalg.norm(lights, axis=-1)
+    gate = jnp.hypot(4.0 * pixels.std, errors.gate * full)
+    squared = jnp.square(residual / gate)
+    robust = jnp.where(pixels.used, tukey(squared), 0.0)
+    on_face = jax.ops.segment_sum(robust, pixels.face, num_segments=faces)[pixels.face]
+    variance = jnp.square(pixels.std) + jnp.square(full) * (errors.pixel**2 + on_face * errors.face_bias**2)
+    weight = robust / variance
+    d = light_jacobian(pixels.normal, lights, a)
+    weighted = d * weight[..., None]
+    # Tukey's loss, 1 - (1 - s)^3 up to the gate
+    loss = jnp.where(pixels.used, 1.0 - jnp.power(jnp.clip(1.0 - squared, 0.0, 1.0), 3), 0.0)
+
+    def of_part(values: Array) -> Array:
+        return jax.ops.segment_sum(values, pixels.part, num_segments=parts)
+
+    return LightEquations(
+        of_part(weighted[..., :, None] * d[..., None, :]),
+        of_part(weighted * residual[..., None]),
+        of_part(loss),
+        of_part(pixels.used.astype(loss.dtype)),
+    )
