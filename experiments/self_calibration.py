@@ -79,7 +79,7 @@ def main(config: Config) -> None:
     rows = []
     for number, case in enumerate(cases):
         rows.append(outcome(case, calibrated(case, config.parts, config.seed + number)))
-        print(json.dumps(rows[-1]), flush=True)
+        print(json.dumps({k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}), flush=True)
     report = {"config": {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}, "rows": rows}
     (config.out / "report.json").write_text(json.dumps(report, indent=1) + "\n")
     (config.out / "table.md").write_text(table(rows))
@@ -191,7 +191,7 @@ def outcome(case: Case, found: SelfCalibration) -> dict[str, Any]:
         "intensity_told_percent": 100 * rms(told_ratio), "intensity_percent": 100 * rms(ratio),
         "angle_std_deg": float(np.degrees(rms(found.direction_std))),
         "intensity_std_percent": 100 * rms(found.intensity_std),
-        "loss_before": found.residual_before, "loss_after": found.residual_after, "pixels": found.pixels,
+        "loss_before": found.residual_before, "loss_after": found.residual_after, "pixels": found.pixels, "patch_bias": found.patch_bias,
         "pose_error_deg": float(np.degrees(np.median(turn_before))), "unobserved": list(found.unobserved),
     }  # fmt: skip
 

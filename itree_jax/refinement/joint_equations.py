@@ -15,9 +15,9 @@ from jaxtyping import Float
 from itree_jax.refinement.light_equations import ALBEDO, LIGHT, OMEGA, LightEquations
 from itree_jax.refinement.lit_pixels import PlacedPart
 
-# A calibration that is farther off than this is a mistake (a lamp that was moved, a wrong order), not an error.
-DIRECTION_PRIOR = float(np.radians(5.0))
-INTENSITY_PRIOR = 0.2
+# What a calibration is told to: lamps that were aimed by hand, or measured on a sphere of a few dozen pixels.
+DIRECTION_PRIOR = float(np.radians(2.0))
+INTENSITY_PRIOR = 0.04
 POSE_PRIOR = float(np.radians(5.0))  # recognised poses are off by less; times the reach [mm] for the position
 HELD = 1e-3  # [rad] a turn about an axis of revolution, which no measurement sees
 ALBEDO_PRIOR = 10.0  # of log albedo: none

@@ -28,14 +28,14 @@ class LitPixels(NamedTuple):
     used: Bool[Array, "pixels lights"]  # lit by the light, not saturated, far from every edge
     normal: Float[Array, "pixels 3"]  # of the part at its pose, camera frame
     part: Int[Array, "pixels"]
-    face: Int[Array, "pixels"]  # consecutive numbers of component faces, each part's apart
+    patch: Int[Array, "pixels"]  # consecutive numbers of patches: of a face, what faces one way
 
 
 class ModelErrors(NamedTuple):
     """How far a Lambertian surface under distant lights is believed; all relative to albedo times intensity."""
 
     pixel: Float[Array, ""]  # standard deviation at one pixel, beside the sensor's noise
-    face_bias: Float[Array, ""]  # shared by a face under one light: reflected light, reflectance
+    patch_bias: Float[Array, ""]  # shared by a patch under one light: reflected light, reflectance
     gate: Float[Array, ""]  # beyond it (or four times the noise) the model does not hold at a pixel
 
 
@@ -46,6 +46,8 @@ class LightEquations(NamedTuple):
     gradient: Float[Array, "parts lights 7"]
     loss: Float[Array, "parts lights"]  # of the residual over its gate: 0 none .. 1 beyond the gate
     count: Float[Array, "parts lights"]
+    patch_weight: Float[Array, "patches lights"]  # pixels that fit
+    patch_residual: Float[Array, "patches lights"]  # their mean residual, relative to albedo times intensity
 
 
 def predicted_intensity(
@@ -66,19 +68,19 @@ def light_jacobian(
     return jnp.concatenate([a * turned, a * along, a * shading], axis=-1)
 
 
-@partial(jax.jit, static_argnames=("parts", "faces"))
+@partial(jax.jit, static_argnames=("parts", "patches"))
 def light_equations(
     pixels: LitPixels,
     lights: Float[Array, "lights 3"],
     albedo: Float[Array, "parts"],
     errors: ModelErrors,
     parts: int,
-    faces: int,
+    patches: int,
 ) -> LightEquations:
-    """The blocks of all parts and lights. `parts` and `faces` are upper bounds of the numbers in `pixels`.
+    """The blocks of all parts and lights. `parts` and `patches` are upper bounds of the numbers in `pixels`.
 
-    Weights are Tukey's biweight over the variance, with the bias that a face's pixels share: N pixels of one face are
-    worth no more than 1 / face_bias^2. Reflected light is an error of one sign, and mostly beyond the gate.
+    Weights are Tukey's biweight over the variance, with the bias that a patch's pixels share: N pixels of one patch are
+    worth no more than 1 / patch_bias^2.
     """
     a = albedo[pixels.part]
     residual = pixels.intensity - predicted_intensity(pixels.normal, lights, a)
@@ -86,8 +88,10 @@ def light_equations(
     gate = jnp.hypot(4.0 * pixels.std, errors.gate * full)
     squared = jnp.square(residual / gate)
     robust = jnp.where(pixels.used, tukey(squared), 0.0)
-    on_face = jax.ops.segment_sum(robust, pixels.face, num_segments=faces)[pixels.face]
-    variance = jnp.square(pixels.std) + jnp.square(full) * (errors.pixel**2 + on_face * errors.face_bias**2)
+    of_patch = partial(jax.ops.segment_sum, segment_ids=pixels.patch, num_segments=patches)
+    patch_weight = of_patch(robust)
+    shared = patch_weight[pixels.patch] * errors.patch_bias**2
+    variance = jnp.square(pixels.std) + jnp.square(full) * (errors.pixel**2 + shared)
     weight = robust / variance
     d = light_jacobian(pixels.normal, lights, a)
     weighted = d * weight[..., None]
@@ -102,4 +106,6 @@ def light_equations(
         of_part(weighted * residual[..., None]),
         of_part(loss),
         of_part(pixels.used.astype(loss.dtype)),
+        patch_weight,
+        of_patch(robust * residual / full) / jnp.maximum(patch_weight, 1e-6),
     )

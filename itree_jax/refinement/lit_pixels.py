@@ -8,7 +8,7 @@ import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.instances import Material
 from itree_kernels.lit_scene import LitScene, render_scene
-from jaxtyping import Bool, Float, Num
+from jaxtyping import Bool, Float, Int, Num
 
 from itree_jax.refinement.light_equations import LitPixels
 from itree_jax.refinement.optimise import RefineModel
@@ -18,6 +18,7 @@ from itree_jax.sensor import Sensor
 STRIDE = 2  # [px] every second pixel of every second row: ten thousand pixels are more than the face bias lets count
 LEAST_COSINE = 0.3  # of normal and light: below, light from the neighbours is as strong as the lamp's
 PIXEL_BATCH = 4096  # tables are padded to a multiple of it, so that few shapes are compiled
+PATCHES_PER_UNIT = 3  # a curved face is cut where normals differ by some 20 degrees: neighbours light it differently
 BLOCK = 8  # [px] side of the squares of the checkerboard that is held out
 
 
@@ -51,7 +52,7 @@ class PixelTable(NamedTuple):
 
     pixels: LitPixels
     even: Bool[np.ndarray, "pixels"]
-    faces: int  # numbers in `pixels.face` are less
+    patches: int  # numbers in `pixels.patch` are less
 
     def half(self, even: bool) -> LitPixels:
         """Those on one colour of the checkerboard."""
@@ -99,12 +100,19 @@ def lit_pixels(seen: Sighted, parts: Sequence[PlacedPart], lights: Float[np.ndar
     used = np.moveaxis(visible & reached & facing, 0, -1) & ~seen.saturated
     at = np.nonzero(used.any(axis=-1))
     part, face = lit.instance[at].astype(np.int32), lit.face[at].astype(np.int64)
-    _, number = np.unique(part * np.int64(2**15) + face, return_inverse=True)
+    number = _patches(part * np.int64(2**15) + face, lit.normal[at])
     table = LitPixels(seen.intensity[at], seen.std[at], used[at], lit.normal[at], part, number.astype(np.int32))
     extra = -len(part) % PIXEL_BATCH or (PIXEL_BATCH if not len(part) else 0)
     padded = (np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)]) for a in table)
     even = np.concatenate([seen.even[at], np.zeros(extra, bool)])
     return PixelTable(LitPixels(*padded), even, int(number.max(initial=-1)) + 1)
+
+
+def _patches(face: Int[np.ndarray, "pixels"], normal: Float[np.ndarray, "pixels 3"]) -> Int[np.ndarray, "pixels"]:
+    """Consecutive numbers of what belongs to one face and faces one way."""
+    cell = np.round(PATCHES_PER_UNIT * normal).astype(np.int64) + PATCHES_PER_UNIT
+    key = np.stack([face, *cell.T], axis=1)
+    return np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _agrees(lit: LitScene, seen: Sighted) -> Bool[np.ndarray, "height width"]:

@@ -40,8 +40,10 @@ STEPS = 8  # lights are linear in the model: two or three steps do it, and the g
 FIRST_GATE = 0.2  # of full albedo: lights that are off by 5 degrees and 10 % still fit
 LAST_GATE = 0.06  # twice the 3 % that reflected light adds to most pixels of rendered bins
 PIXEL_ERROR = 0.01  # of full albedo: texture and raster of one pixel
-FACE_BIAS = 0.02  # of full albedo: reflected light that a face's pixels share
-PART_BATCH, FACE_BATCH = 8, 64  # numbers of parts and faces are rounded up, so that few shapes are compiled
+MOST_BIAS = 0.017  # a light that turns by 1 degree changes a pixel by less: what hides it cannot correct it
+LEAST_BIAS = 0.003  # of full albedo, shared by a patch: no paint is more even
+ENOUGH_PIXELS = 30.0  # of a patch: the mean of their noise is then less than `LEAST_BIAS`
+PART_BATCH, PATCH_BATCH = 8, 128  # numbers of parts and patches are rounded up, so that few shapes are compiled
 BEST_PARTS = 12  # more parts tell little more
 
 
@@ -51,7 +53,7 @@ class SelfCalibration:
 
     told: Sensor
     sensor: Sensor  # with the corrected lights, or as told where they are not `kept`
-    kept: bool  # whether the correction explains the pixels better that it was not fitted on
+    kept: bool  # it explains the pixels better that it was not fitted on, and the surfaces are Lambertian enough
     light_directions: Float[np.ndarray, "lights 3"]  # as corrected, unit
     light_intensities: Float[np.ndarray, "lights"]  # as corrected; their mean is the told one
     direction_std: Float[np.ndarray, "lights"]  # [rad] rms of the two angles
@@ -60,6 +62,7 @@ class SelfCalibration:
     residual_after: float  # ... lights as fitted on the other pixels
     albedo: tuple[float, ...]  # of each kind of part, under lights of the told mean intensity
     parts: tuple[PlacedPart, ...]  # at their corrected poses
+    patch_bias: float  # spread of patches about the model, of full albedo: reflected light, gloss
     pixels: int  # compared, over all lights
     unobserved: tuple[str, ...]  # what the parts could not tell, in words
 
@@ -83,6 +86,7 @@ class Estimate:
     lights: Float[np.ndarray, "lights 3"]  # direction times intensity
     albedo: Float[np.ndarray, "kinds"]
     moved: Float[np.ndarray, "size"]  # all steps so far, for the priors
+    patch_bias: float  # what the residuals of patches show, relative to full albedo
     covariance: Float[np.ndarray, "size size"] | None = None
 
 
@@ -100,7 +104,8 @@ def self_calibrate(
 
     The correction is fitted on one colour of a checkerboard of 8 px and kept if it explains the other colour better
     than the lights as told, with poses and albedo fitted in both cases; then it is fitted on all pixels. Neighbouring
-    squares share reflected light and gloss, so this guards against noise and wrong poses, not against gloss.
+    squares share reflected light and gloss, which the lights would follow; so it is not kept either where the patches
+    are off by more than `MOST_BIAS`: such surfaces need another model before they can calibrate lights.
 
     Raises ItreeError if no part shows a lit pixel, or no parts are given.
     """
@@ -164,16 +169,20 @@ def _start(parts: Sequence[PlacedPart], seen: Sighted, sensor: Sensor) -> Estima
         if of_kind.any():
             albedo[kind] = np.median(pixels.intensity[of_kind] / shading[of_kind])
     size = Layout(len(parts), len(lights), kinds).size
-    return Estimate(tuple(parts), lights, albedo, np.zeros(size))
+    return Estimate(tuple(parts), lights, albedo, np.zeros(size), FIRST_GATE / 4.0)
 
 
 def _fitted(
     estimate: Estimate, seen: Sighted, terms: PoseTerms | None, sensor: Sensor, *, lights_free: bool, even: bool | None
 ) -> Estimate:
-    """Gauss-Newton steps under a shrinking gate, on the even squares of the checkerboard, the odd ones, or all."""
+    """Gauss-Newton steps on the even squares of the checkerboard, the odd ones, or all.
+
+    The gate shrinks, but not below what the residuals of patches ask for, whose spread becomes the weight of patches.
+    """
     layout = Layout(len(estimate.parts), len(estimate.lights), len(estimate.albedo))
     for step in range(STEPS):
         gate = FIRST_GATE * (LAST_GATE / FIRST_GATE) ** (step / (STEPS - 1))
+        gate = min(max(gate, NOISE_SIGMAS * estimate.patch_bias), FIRST_GATE)
         blocks = _blocks(estimate, lit_pixels(seen, estimate.parts, estimate.lights), gate, even)
         equations = photometric_part(layout, blocks, [part.kind for part in estimate.parts])
         H, gradient = equations.hessian, equations.gradient
@@ -184,18 +193,29 @@ def _fitted(
         prior = prior_hessian(layout, estimate.parts, _told_lights(sensor), lights_free)
         total = JointEquations(H + prior, gradient + prior @ estimate.moved)
         step_taken, covariance = solved(layout, total, estimate.lights)
-        estimate = _moved(estimate, layout, step_taken, covariance)
+        fitted = layout.kinds + (3 * layout.lights if lights_free else 0)
+        estimate = replace(_moved(estimate, layout, step_taken, covariance), patch_bias=patch_bias(blocks, fitted))
     return estimate
+
+
+def patch_bias(blocks: LightEquations, fitted: int) -> float:
+    """Spread of the patches' mean residuals, relative to full albedo, when `fitted` unknowns were taken from them."""
+    weight, residual = np.asarray(blocks.patch_weight, float), np.asarray(blocks.patch_residual, float)
+    enough = weight >= ENOUGH_PIXELS
+    free = int(enough.sum()) - fitted
+    if free < 1:
+        return FIRST_GATE / NOISE_SIGMAS
+    return float(np.clip(np.sqrt(np.sum(residual[enough] ** 2) / free), LEAST_BIAS, FIRST_GATE / NOISE_SIGMAS))
 
 
 def _blocks(estimate: Estimate, table: PixelTable, gate: float, even: bool | None) -> LightEquations:
     pixels: LitPixels = table.pixels if even is None else table.half(even)
     parts = -(-len(estimate.parts) // PART_BATCH) * PART_BATCH
-    faces = -(-max(table.faces, 1) // FACE_BATCH) * FACE_BATCH
+    patches = -(-max(table.patches, 1) // PATCH_BATCH) * PATCH_BATCH
     albedo = np.ones(parts, np.float32)
     albedo[: len(estimate.parts)] = estimate.albedo[[part.kind for part in estimate.parts]]
-    errors = ModelErrors(jnp.float32(PIXEL_ERROR), jnp.float32(FACE_BIAS), jnp.float32(gate))
-    return light_equations(pixels, jnp.asarray(estimate.lights, jnp.float32), albedo, errors, parts, faces)
+    errors = ModelErrors(jnp.float32(PIXEL_ERROR), jnp.float32(estimate.patch_bias), jnp.float32(gate))
+    return light_equations(pixels, jnp.asarray(estimate.lights, jnp.float32), albedo, errors, parts, patches)
 
 
 def _moved(
@@ -208,7 +228,7 @@ def _moved(
         parts.append(replace(part, R_cam_obj=np.asarray(R, float), t_cam_obj=np.asarray(t, float)))
     lights = estimate.lights + step[layout.all_lights].reshape(-1, 3)
     albedo = estimate.albedo * np.exp(step[layout.albedo(0) :])
-    return Estimate(tuple(parts), lights, albedo, estimate.moved + step, covariance)
+    return Estimate(tuple(parts), lights, albedo, estimate.moved + step, estimate.patch_bias, covariance)
 
 
 def _loss(estimate: Estimate, seen: Sighted, *, even: bool) -> float:
@@ -232,11 +252,11 @@ def _described(
         C = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] / e**2
         intensity_std[i] = np.sqrt(l @ C @ l)
         direction_std[i] = np.sqrt(max(np.trace(C) - l @ C @ l, 0.0) / 2.0)
-    kept = after < before
+    kept = after < before and estimate.patch_bias < MOST_BIAS
     corrected = replace(told, light_directions=directions, light_intensities=intensities)
     pixels = lit_pixels(seen, estimate.parts, estimate.lights).pixels
     return SelfCalibration(
         told, corrected if kept else told, kept, directions, intensities, direction_std, intensity_std, before, after,
-        tuple(float(a) / mean for a in estimate.albedo), estimate.parts, int(pixels.used.sum()),
+        tuple(float(a) / mean for a in estimate.albedo), estimate.parts, estimate.patch_bias, int(pixels.used.sum()),
         unobserved_directions(covariance, _told_lights(told)),
     )  # fmt: skip
