@@ -184,15 +184,17 @@ def outcome(case: Case, found: SelfCalibration) -> dict[str, Any]:
     told_angle, told_ratio = light_errors(case.told, true)
     fitted = replace(case.told, light_directions=found.light_directions, light_intensities=found.light_intensities)
     angle, ratio = light_errors(fitted, true)
-    turn_before = [Rotation.from_matrix(R.T @ p.R_cam_obj).magnitude() for R, p in zip(case.poses.R_cam_obj, found.parts)]
+    pairs = zip(case.poses.R_cam_obj, found.parts, strict=True)
+    turned = [Rotation.from_matrix(R.T @ part.R_cam_obj).magnitude() for R, part in pairs]
     return {
         "group": case.group, "scene": case.name, "parts": len(found.parts), "kept": found.kept,
         "angle_told_deg": rms(told_angle), "angle_deg": rms(angle),
         "intensity_told_percent": 100 * rms(told_ratio), "intensity_percent": 100 * rms(ratio),
         "angle_std_deg": float(np.degrees(rms(found.direction_std))),
         "intensity_std_percent": 100 * rms(found.intensity_std),
-        "loss_before": found.residual_before, "loss_after": found.residual_after, "pixels": found.pixels, "patch_bias": found.patch_bias,
-        "pose_error_deg": float(np.degrees(np.median(turn_before))), "unobserved": list(found.unobserved),
+        "loss_before": found.residual_before, "loss_after": found.residual_after, "pixels": found.pixels,
+        "patch_bias": found.patch_bias,
+        "pose_error_deg": float(np.degrees(np.median(turned))), "unobserved": list(found.unobserved),
     }  # fmt: skip
 
 
