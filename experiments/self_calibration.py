@@ -54,7 +54,7 @@ class Config:
     bins: int = 5
     dropped: int = 6
     parts: int = 3  # recognised
-    looks: tuple[str, ...] = ("lambert", "plastic", "metal")
+    looks: tuple[str, ...] = ("lambert", "reflecting", "plastic", "metal")
     data: Path | None = None
     seed: int = 0
 
@@ -193,7 +193,7 @@ def outcome(case: Case, found: SelfCalibration) -> dict[str, Any]:
         "angle_std_deg": float(np.degrees(rms(found.direction_std))),
         "intensity_std_percent": 100 * rms(found.intensity_std),
         "loss_before": found.residual_before, "loss_after": found.residual_after, "pixels": found.pixels,
-        "patch_bias": found.patch_bias,
+        "patch_bias": found.patch_bias, "reflected": found.reflected,
         "pose_error_deg": float(np.degrees(np.median(turned))), "unobserved": list(found.unobserved),
     }  # fmt: skip
 

@@ -1,9 +1,10 @@
 """The joint normal equations of all poses, all lights and the albedo: assembled from blocks, solved under the gauge.
 
 Unknowns in this order: a twist (omega [rad], v [mm]) of each part, delta g of each light (direction times intensity),
-delta log albedo of each kind of part. Scaling all lights up and all albedos down changes no image: the mean intensity
-of the lights is held. Turning everything together changes no image either; only depth and contour, which see the poses
-and not the lights, tell that turn. A weak prior stands in where nothing tells a direction.
+delta log albedo of each kind of part, and how much light the parts send one another (c of `light_equations`). Scaling
+all lights up and all albedos down changes no image: the mean intensity of the lights is held. Turning everything
+together changes no image either; only depth and contour, which see the poses and not the lights, tell that turn. A weak
+prior stands in where nothing tells a direction.
 """
 
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from itree_jax.refinement.light_equations import ALBEDO, LIGHT, OMEGA, LightEquations
+from itree_jax.refinement.light_equations import ALBEDO, LIGHT, OMEGA, REFLECTED, LightEquations
 from itree_jax.refinement.lit_pixels import PlacedPart
 
 # What a calibration is told to: lamps that were aimed by hand, or measured on a sphere of a few dozen pixels.
@@ -21,6 +22,7 @@ INTENSITY_PRIOR = 0.04
 POSE_PRIOR = float(np.radians(5.0))  # recognised poses are off by less; times the reach [mm] for the position
 HELD = 1e-3  # [rad] a turn about an axis of revolution, which no measurement sees
 ALBEDO_PRIOR = 10.0  # of log albedo: none
+REFLECTED_PRIOR = 1.0  # about none: twice the typical reflectance is a mirror
 FIXED = 1e-6  # standard deviation of what is not to be solved for
 
 
@@ -34,7 +36,7 @@ class Layout:
 
     @property
     def size(self) -> int:
-        return 6 * self.parts + 3 * self.lights + self.kinds
+        return 6 * self.parts + 3 * self.lights + self.kinds + 1
 
     def pose(self, k: int) -> slice:
         return slice(6 * k, 6 * k + 6)
@@ -46,8 +48,13 @@ class Layout:
     def all_lights(self) -> slice:
         return slice(6 * self.parts, 6 * self.parts + 3 * self.lights)
 
-    def albedo(self, kind: int) -> int:
-        return 6 * self.parts + 3 * self.lights + kind
+    @property
+    def albedos(self) -> slice:
+        return slice(6 * self.parts + 3 * self.lights, self.size - 1)
+
+    @property
+    def reflected(self) -> int:
+        return self.size - 1
 
 
 @dataclass(frozen=True)
@@ -59,15 +66,15 @@ class JointEquations:
 
 
 def photometric_part(layout: Layout, blocks: LightEquations, kinds: Sequence[int]) -> JointEquations:
-    """The blocks of seven unknowns, added up where they belong."""
+    """The blocks of eight unknowns, added up where they belong."""
+    places = np.arange(layout.size)
     H, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     of_block, of_gradient = np.asarray(blocks.hessian, float), np.asarray(blocks.gradient, float)
     for k, kind in enumerate(kinds):
         for i in range(layout.lights):
-            where = np.zeros(7, int)
-            where[OMEGA] = np.arange(layout.size)[layout.pose(k)][:3]
-            where[LIGHT] = np.arange(layout.size)[layout.light(i)]
-            where[ALBEDO] = layout.albedo(kind)
+            where = np.zeros(8, int)
+            where[OMEGA], where[LIGHT] = places[layout.pose(k)][:3], places[layout.light(i)]
+            where[ALBEDO], where[REFLECTED] = places[layout.albedos][kind], layout.reflected
             H[np.ix_(where, where)] += of_block[k, i]
             gradient[where] -= of_gradient[k, i]
     return JointEquations(H, gradient)
@@ -83,8 +90,8 @@ def prior_hessian(
         H[layout.pose(k), layout.pose(k)] = np.diag(spread**-2) + free_turns(part) / HELD**2
     for i, g in enumerate(told):
         H[layout.light(i), layout.light(i)] = light_prior(g) if lights_free else np.eye(3) / FIXED**2
-    for kind in range(layout.kinds):
-        H[layout.albedo(kind), layout.albedo(kind)] = ALBEDO_PRIOR**-2
+    H[layout.albedos, layout.albedos] = np.eye(layout.kinds) / ALBEDO_PRIOR**2
+    H[layout.reflected, layout.reflected] = REFLECTED_PRIOR**-2
     return H
 
 

@@ -1,10 +1,11 @@
 """Photometric residuals of recognised parts as functions of their rotation, of the lights and of the albedo.
 
-A Lambertian pixel p of part k under light i shows I = a n . g_i + noise, where a is the albedo, n = R_k n_obj the
-normal that the pose gives it, and g_i = e_i l_i the light's direction times its intensity: linear in the lights, and in
-the pose through n alone (delta n = omega x n; that a curved surface also slides under its pixel is left out, as for
-needles). So each part and light has a block of seven unknowns (omega [rad], g, log a), and these blocks are all that
-the joint normal equations need.
+A Lambertian pixel of part k under light i shows I = a (n . g_i + c b_i) + noise, where a is the albedo, n = R_k n_obj
+the normal that the pose gives it, g_i = e_i l_i the light's direction times its intensity, and b_i the light that
+reaches it from the other parts, traced for parts of a typical reflectance (what theirs is no image tells, since the
+exposure is in a: c is fitted). I is linear in the lights, and in the pose through n alone (delta n = omega x n; that a
+curved surface also slides under its pixel is left out, as for needles). So each part and light has a block of eight
+unknowns (omega [rad], g, log a, c), and these blocks are all that the joint normal equations need.
 """
 
 from functools import partial
@@ -17,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.refinement.residuals import tukey
 from itree_jax.sensing.needle import Array
 
-OMEGA, LIGHT, ALBEDO = slice(0, 3), slice(3, 6), 6  # places of the unknowns in a block
+OMEGA, LIGHT, ALBEDO, REFLECTED = slice(0, 3), slice(3, 6), 6, 7  # places of the unknowns in a block
 
 
 class LitPixels(NamedTuple):
@@ -26,6 +27,7 @@ class LitPixels(NamedTuple):
     intensity: Float[Array, "pixels lights"]  # as stored, 1.0 = full scale
     std: Float[Array, "pixels lights"]  # of the sensor's noise
     used: Bool[Array, "pixels lights"]  # lit by the light, not saturated, far from every edge
+    reflected: Float[Array, "pixels lights"]  # b: irradiance by way of the other parts
     normal: Float[Array, "pixels 3"]  # of the part at its pose, camera frame
     part: Int[Array, "pixels"]
     patch: Int[Array, "pixels"]  # consecutive numbers of patches: of a face, what faces one way
@@ -42,8 +44,8 @@ class ModelErrors(NamedTuple):
 class LightEquations(NamedTuple):
     """Sums over the pixels of each part under each light: w d d^T, w d r, Tukey's loss, and how many were looked at."""
 
-    hessian: Float[Array, "parts lights 7 7"]
-    gradient: Float[Array, "parts lights 7"]
+    hessian: Float[Array, "parts lights 8 8"]
+    gradient: Float[Array, "parts lights 8"]
     loss: Float[Array, "parts lights"]  # of the residual over its gate: 0 none .. 1 beyond the gate
     count: Float[Array, "parts lights"]
     patch_weight: Float[Array, "patches lights"]  # pixels that fit
@@ -51,21 +53,23 @@ class LightEquations(NamedTuple):
 
 
 def predicted_intensity(
-    normal: Float[Array, "*pixels 3"], lights: Float[Array, "lights 3"], albedo: Float[Array, "*pixels"]
+    normal: Float[Array, "*pixels 3"], reflected: Float[Array, "*pixels lights"], lights: Float[Array, "lights 3"],
+    albedo: Float[Array, "*pixels"], share: float | Float[Array, ""],
 ) -> Float[Array, "*pixels lights"]:
-    """a n . g of every pixel under every light."""
-    return albedo[..., None] * (normal @ lights.T)
+    """a (n . g + c b) of every pixel under every light; `share` is c."""
+    return albedo[..., None] * (normal @ lights.T + share * reflected)
 
 
 def light_jacobian(
-    normal: Float[Array, "*pixels 3"], lights: Float[Array, "lights 3"], albedo: Float[Array, "*pixels"]
-) -> Float[Array, "*pixels lights 7"]:
-    """Derivatives of `predicted_intensity` with respect to (omega, g, log albedo): a (n x g), a n, a n . g."""
-    a = albedo[..., None, None]
+    normal: Float[Array, "*pixels 3"], reflected: Float[Array, "*pixels lights"], lights: Float[Array, "lights 3"],
+    albedo: Float[Array, "*pixels"], share: float | Float[Array, ""],
+) -> Float[Array, "*pixels lights 8"]:
+    """Derivatives of `predicted_intensity` with respect to (omega, g, log albedo, c)."""
     turned = jnp.cross(normal[..., None, :], lights)
     along = jnp.broadcast_to(normal[..., None, :], turned.shape)
-    shading = (normal @ lights.T)[..., None]
-    return jnp.concatenate([a * turned, a * along, a * shading], axis=-1)
+    arriving = normal @ lights.T + share * reflected
+    columns = jnp.concatenate([turned, along, arriving[..., None], reflected[..., None]], axis=-1)
+    return albedo[..., None, None] * columns
 
 
 @partial(jax.jit, static_argnames=("parts", "patches"))
@@ -73,6 +77,7 @@ def light_equations(
     pixels: LitPixels,
     lights: Float[Array, "lights 3"],
     albedo: Float[Array, "parts"],
+    share: Float[Array, ""],
     errors: ModelErrors,
     parts: int,
     patches: int,
@@ -83,7 +88,7 @@ def light_equations(
     worth no more than 1 / patch_bias^2.
     """
     a = albedo[pixels.part]
-    residual = pixels.intensity - predicted_intensity(pixels.normal, lights, a)
+    residual = pixels.intensity - predicted_intensity(pixels.normal, pixels.reflected, lights, a, share)
     full = a[:, None] * jnp.linalg.norm(lights, axis=-1)
     gate = jnp.hypot(4.0 * pixels.std, errors.gate * full)
     squared = jnp.square(residual / gate)
@@ -93,7 +98,7 @@ def light_equations(
     shared = patch_weight[pixels.patch] * errors.patch_bias**2
     variance = jnp.square(pixels.std) + jnp.square(full) * (errors.pixel**2 + shared)
     weight = robust / variance
-    d = light_jacobian(pixels.normal, lights, a)
+    d = light_jacobian(pixels.normal, pixels.reflected, lights, a, share)
     weighted = d * weight[..., None]
     # Tukey's loss, 1 - (1 - s)^3 up to the gate
     loss = jnp.where(pixels.used, 1.0 - jnp.power(jnp.clip(1.0 - squared, 0.0, 1.0), 3), 0.0)

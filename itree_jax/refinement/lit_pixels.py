@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.instances import Material
 from itree_kernels.lit_scene import LitScene, render_scene
+from itree_kernels.reflected import reflected_light
 from jaxtyping import Bool, Float, Int, Num
 
 from itree_jax.refinement.light_equations import LitPixels
@@ -17,6 +18,8 @@ from itree_jax.sensor import Sensor
 
 STRIDE = 2  # [px] every second pixel of every second row: ten thousand pixels are more than the face bias lets count
 LEAST_COSINE = 0.3  # of normal and light: below, light from the neighbours is as strong as the lamp's
+TYPICAL = 0.5  # reflectance of blasted metal and of grey plastic
+PATHS = 24  # traced per pixel: their spread is 1 % of full albedo where much light is reflected, as `PIXEL_ERROR`
 PIXEL_BATCH = 4096  # tables are padded to a multiple of it, so that few shapes are compiled
 PATCHES_PER_UNIT = 3  # a curved face is cut where normals differ by some 20 degrees: neighbours light it differently
 BLOCK = 8  # [px] side of the squares of the checkerboard that is held out
@@ -42,6 +45,7 @@ class Sighted:
     intensity: Float[np.ndarray, "height width lights"]
     std: Float[np.ndarray, "height width lights"]
     saturated: Bool[np.ndarray, "height width lights"]
+    reflected: Float[np.ndarray, "height width lights"]  # see `reflections`
     depth: Float[np.ndarray, "height width"] | None  # z [mm], 0 = none
     even: Bool[np.ndarray, "height width"]  # squares of the checkerboard
     allowed: float  # [mm] between rendered and measured depth
@@ -71,19 +75,38 @@ def sighted(
     return Sighted(
         sensor.camera.cropped(0, 0, width, height, STRIDE), intensity,
         np.asarray(intensity_std(intensity, sensor.noise)), intensity >= saturation_level(sensor.noise),
-        None if depth is None else np.asarray(depth)[some], (u + v) % 2 == 0, allowed,
+        np.zeros_like(intensity), None if depth is None else np.asarray(depth)[some], (u + v) % 2 == 0, allowed,
     )  # fmt: skip
 
 
 def rendered(parts: Sequence[PlacedPart], lights: Float[np.ndarray, "lights 3"], camera: Camera) -> LitScene:
     """The parts alone under these lights, with the shadows that they cast on one another."""
-    meshes = list({id(p.model): p.model.mesh for p in parts}.values())
+    return render_scene(**_scene(parts, lights, camera), material=Material(1.0))
+
+
+def reflections(
+    parts: Sequence[PlacedPart], lights: Float[np.ndarray, "lights 3"], camera: Camera
+) -> Float[np.ndarray, "height width lights"]:
+    """Irradiance that reaches the parts by way of one another (one and two reflections), as if all had a reflectance of
+    `TYPICAL`. What the bin, and parts that were not recognised, reflect is missing."""
+    added = reflected_light(**_scene(parts, lights, camera), material=Material(TYPICAL), samples=PATHS)
+    return np.moveaxis(added, 0, -1) / np.float32(TYPICAL)
+
+
+def _scene(parts: Sequence[PlacedPart], lights: Float[np.ndarray, "lights 3"], camera: Camera) -> dict[str, Any]:
+    """What both renderers ask for."""
+    meshes = list({id(part.model): part.model.mesh for part in parts}.values())
     place = {id(mesh): k for k, mesh in enumerate(meshes)}
     strength = np.linalg.norm(lights, axis=1)
-    return render_scene(
-        meshes, [place[id(p.model.mesh)] for p in parts], np.stack([p.R_cam_obj for p in parts]),
-        np.stack([p.t_cam_obj for p in parts]), camera, lights / strength[:, None], strength, Material(1.0),
-    )  # fmt: skip
+    return {
+        "meshes": meshes,
+        "mesh_of_instance": [place[id(part.model.mesh)] for part in parts],
+        "R_cam_obj": np.stack([part.R_cam_obj for part in parts]),
+        "t_cam_obj": np.stack([part.t_cam_obj for part in parts]),
+        "camera": camera,
+        "light_directions": lights / strength[:, None],
+        "light_intensities": strength,
+    }
 
 
 def lit_pixels(seen: Sighted, parts: Sequence[PlacedPart], lights: Float[np.ndarray, "lights 3"]) -> PixelTable:
@@ -100,8 +123,8 @@ def lit_pixels(seen: Sighted, parts: Sequence[PlacedPart], lights: Float[np.ndar
     used = np.moveaxis(visible & reached & facing, 0, -1) & ~seen.saturated
     at = np.nonzero(used.any(axis=-1))
     part, face = lit.instance[at].astype(np.int32), lit.face[at].astype(np.int64)
-    number = _patches(part * np.int64(2**15) + face, lit.normal[at])
-    table = LitPixels(seen.intensity[at], seen.std[at], used[at], lit.normal[at], part, number.astype(np.int32))
+    number = _patches(part * np.int64(2**15) + face, lit.normal[at]).astype(np.int32)
+    table = LitPixels(seen.intensity[at], seen.std[at], used[at], seen.reflected[at], lit.normal[at], part, number)
     extra = -len(part) % PIXEL_BATCH or (PIXEL_BATCH if not len(part) else 0)
     padded = (np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)]) for a in table)
     even = np.concatenate([seen.even[at], np.zeros(extra, bool)])

@@ -28,7 +28,7 @@ from itree_jax.refinement.joint_equations import (
     solved,
 )
 from itree_jax.refinement.light_equations import LightEquations, LitPixels, ModelErrors, light_equations
-from itree_jax.refinement.lit_pixels import PixelTable, PlacedPart, Sighted, lit_pixels, sighted
+from itree_jax.refinement.lit_pixels import PixelTable, PlacedPart, Sighted, lit_pixels, reflections, sighted
 from itree_jax.refinement.optimise import move
 from itree_jax.refinement.pose_terms import PoseTerms, pose_equations, pose_terms
 from itree_jax.refinement.schedule import NOISE_SIGMAS
@@ -41,7 +41,7 @@ FIRST_GATE = 0.2  # of full albedo: lights that are off by 5 degrees and 10 % st
 LAST_GATE = 0.06  # twice the 3 % that reflected light adds to most pixels of rendered bins
 PIXEL_ERROR = 0.01  # of full albedo: texture and raster of one pixel
 MOST_BIAS = 0.017  # a light that turns by 1 degree changes a pixel by less: what hides it cannot correct it
-LEAST_BIAS = 0.003  # of full albedo, shared by a patch: no paint is more even
+LEAST_BIAS = 0.005  # of full albedo, shared by a patch: no paint is more even
 ENOUGH_PIXELS = 30.0  # of a patch: the mean of their noise is then less than `LEAST_BIAS`
 PART_BATCH, PATCH_BATCH = 8, 128  # numbers of parts and patches are rounded up, so that few shapes are compiled
 BEST_PARTS = 12  # more parts tell little more
@@ -62,6 +62,7 @@ class SelfCalibration:
     residual_after: float  # ... lights as fitted on the other pixels
     albedo: tuple[float, ...]  # of each kind of part, under lights of the told mean intensity
     parts: tuple[PlacedPart, ...]  # at their corrected poses
+    reflected: float  # light that the parts send one another, beside that of parts of reflectance 0.5
     patch_bias: float  # spread of patches about the model, of full albedo: reflected light, gloss
     pixels: int  # compared, over all lights
     unobserved: tuple[str, ...]  # what the parts could not tell, in words
@@ -86,6 +87,7 @@ class Estimate:
     lights: Float[np.ndarray, "lights 3"]  # direction times intensity
     albedo: Float[np.ndarray, "kinds"]
     moved: Float[np.ndarray, "size"]  # all steps so far, for the priors
+    reflected: float  # c of `light_equations`
     patch_bias: float  # what the residuals of patches show, relative to full albedo
     covariance: Float[np.ndarray, "size size"] | None = None
 
@@ -114,6 +116,8 @@ def self_calibrate(
     terms = None if depth is None else pose_terms(np.asarray(depth, np.float32), sensor, parts[0].model.diameter)
     seen = sighted(images, depth, sensor, _allowed(depth, sensor))
     start = _start(parts, seen, sensor)
+    # the lights are off by little, and so is what is reflected of them
+    seen = replace(seen, reflected=reflections(parts, start.lights, seen.camera))
     as_told = _fitted(start, seen, terms, sensor, lights_free=False, even=True)
     on_half = _fitted(start, seen, terms, sensor, lights_free=True, even=True)
     before, after = (_loss(estimate, seen, even=False) for estimate in (as_told, on_half))
@@ -169,7 +173,7 @@ def _start(parts: Sequence[PlacedPart], seen: Sighted, sensor: Sensor) -> Estima
         if of_kind.any():
             albedo[kind] = np.median(pixels.intensity[of_kind] / shading[of_kind])
     size = Layout(len(parts), len(lights), kinds).size
-    return Estimate(tuple(parts), lights, albedo, np.zeros(size), FIRST_GATE / 4.0)
+    return Estimate(tuple(parts), lights, albedo, np.zeros(size), 0.0, FIRST_GATE / NOISE_SIGMAS)
 
 
 def _fitted(
@@ -193,7 +197,7 @@ def _fitted(
         prior = prior_hessian(layout, estimate.parts, _told_lights(sensor), lights_free)
         total = JointEquations(H + prior, gradient + prior @ estimate.moved)
         step_taken, covariance = solved(layout, total, estimate.lights)
-        fitted = layout.kinds + (3 * layout.lights if lights_free else 0)
+        fitted = layout.kinds + 1 + (3 * layout.lights if lights_free else 0)
         estimate = replace(_moved(estimate, layout, step_taken, covariance), patch_bias=patch_bias(blocks, fitted))
     return estimate
 
@@ -215,7 +219,10 @@ def _blocks(estimate: Estimate, table: PixelTable, gate: float, even: bool | Non
     albedo = np.ones(parts, np.float32)
     albedo[: len(estimate.parts)] = estimate.albedo[[part.kind for part in estimate.parts]]
     errors = ModelErrors(jnp.float32(PIXEL_ERROR), jnp.float32(estimate.patch_bias), jnp.float32(gate))
-    return light_equations(pixels, jnp.asarray(estimate.lights, jnp.float32), albedo, errors, parts, patches)
+    return light_equations(
+        pixels, jnp.asarray(estimate.lights, jnp.float32), albedo, jnp.float32(estimate.reflected), errors, parts,
+        patches,
+    )  # fmt: skip
 
 
 def _moved(
@@ -227,8 +234,10 @@ def _moved(
         R, t = move(jnp.asarray(part.R_cam_obj, jnp.float32), jnp.asarray(part.t_cam_obj, jnp.float32), twist)
         parts.append(replace(part, R_cam_obj=np.asarray(R, float), t_cam_obj=np.asarray(t, float)))
     lights = estimate.lights + step[layout.all_lights].reshape(-1, 3)
-    albedo = estimate.albedo * np.exp(step[layout.albedo(0) :])
-    return Estimate(tuple(parts), lights, albedo, estimate.moved + step, estimate.patch_bias, covariance)
+    return Estimate(
+        tuple(parts), lights, estimate.albedo * np.exp(step[layout.albedos]), estimate.moved + step,
+        estimate.reflected + float(step[layout.reflected]), estimate.patch_bias, covariance,
+    )  # fmt: skip
 
 
 def _loss(estimate: Estimate, seen: Sighted, *, even: bool) -> float:
@@ -257,6 +266,7 @@ def _described(
     pixels = lit_pixels(seen, estimate.parts, estimate.lights).pixels
     return SelfCalibration(
         told, corrected if kept else told, kept, directions, intensities, direction_std, intensity_std, before, after,
-        tuple(float(a) / mean for a in estimate.albedo), estimate.parts, estimate.patch_bias, int(pixels.used.sum()),
+        tuple(float(a) / mean for a in estimate.albedo), estimate.parts,
+        estimate.reflected, estimate.patch_bias, int(pixels.used.sum()),
         unobserved_directions(covariance, _told_lights(told)),
     )  # fmt: skip
