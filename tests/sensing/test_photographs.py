@@ -137,7 +137,7 @@ def test_ambient_light_is_taken_off_again():
     np.testing.assert_array_equal(subtract_ambient(images, ambient, Noise())[:, 5, 5], 1.0)
     with pytest.raises(ItreeError, match=r"the ambient frame has shape \(7, 9\)"):
         subtract_ambient(images, ambient[:7], Noise())
-    with pytest.raises(ItreeError, match="brighter than the images"):
+    with pytest.raises(ItreeError, match="brighter than image"):
         subtract_ambient(images, 0.0 * ambient + 0.9, Noise())
 
 
