@@ -22,3 +22,4 @@ class NeedleMap(NamedTuple):
     # rms angle [rad] by which the model's error turns it: reflectance and interreflection, shared by a face's pixels
     normal_bias: Float[Array, "*batch height width"]
     shadow_probability: Float[Array, "*batch lights height width"]  # that the light does not reach the pixel
+    reaching: Bool[Array, "*batch lights height width"]  # the lights that the normal is made from

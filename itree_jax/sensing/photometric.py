@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from itree_jax.sensing.albedo import albedo_confidence, mode_of_albedo
 from itree_jax.sensing.least_squares import LightPlanes, Symmetric, light_sum, normal_equations, predicted
+from itree_jax.sensing.near_lights import lights_of
 from itree_jax.sensing.needle import Array, NeedleMap
 from itree_jax.sensing.noise_model import intensity_std, saturation_level
 from itree_jax.sensing.reaching import (
@@ -40,11 +41,19 @@ class Shown(NamedTuple):
     L: LightPlanes
 
 
-def needle_map(images: Float[Array, "*batch lights height width"], sensor: Sensor) -> NeedleMap:
-    """`photometric_stereo` with the lights, the noise and the slant limit of a sensor."""
-    return photometric_stereo(
-        images, sensor.light_directions, sensor.light_intensities, sensor.noise, sensor.slant_limit
-    )
+def needle_map(
+    images: Float[Array, "*batch lights height width"],
+    sensor: Sensor,
+    depth: Float[Array, "height width"] | None = None,
+    albedo_tolerance: float | None = None,
+) -> NeedleMap:
+    """`photometric_stereo` with the lights, the noise and the slant limit of a sensor.
+
+    Of near lights, directions and intensities are those at the surface that `depth` [mm] tells (0: unknown), or at the
+    working distance.
+    """
+    lights = lights_of(sensor, depth)
+    return photometric_stereo(images, *lights, sensor.noise, sensor.slant_limit, albedo_tolerance)
 
 
 @partial(jax.jit, static_argnames=("noise",))
@@ -182,6 +191,7 @@ def _needles(
         normal_std=jnp.where(enough, across / unit, 0.0),
         normal_bias=jnp.where(enough, across_shared / unit, 0.0),
         shadow_probability=jnp.moveaxis(jnp.zeros_like(shown.x), 0, -3),
+        reaching=jnp.moveaxis(reaching, 0, -3),
     )
 
 

@@ -21,7 +21,7 @@ def needles(interpretable, normals=UPWARD):
     shape = interpretable.shape
     normals = np.where(interpretable[..., None], np.broadcast_to(normals, (*shape, 3)), 0.0).astype(np.float32)
     none, one = np.zeros((3, *shape), bool), interpretable.astype(np.float32)
-    return NeedleMap(normals, 0.5 * one, interpretable, none, none, one, 0.0 * one, 0.0 * one, 0.0 * none)
+    return NeedleMap(normals, 0.5 * one, interpretable, none, none, one, 0.0 * one, 0.0 * one, 0.0 * none, none)
 
 
 def orthographic(smallest_region=0.0, px_per_mm=2.0, **changes):
