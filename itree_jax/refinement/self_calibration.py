@@ -47,6 +47,10 @@ PART_BATCH, PATCH_BATCH = 8, 128  # numbers of parts and patches are rounded up,
 BEST_PARTS = 12  # more parts tell little more
 
 
+class NothingLit(ItreeError):
+    """The parts show no pixel that a light reaches."""
+
+
 @dataclass(frozen=True)
 class SelfCalibration:
     """What recognised parts say about the lights."""
@@ -131,7 +135,8 @@ def calibrated_by_answers(
 ) -> SelfCalibration | None:
     """`self_calibrate` on what `recognize` answered: the best answers that are more likely right than not.
 
-    None if no answer has a score of `least_score`. `trees` are those that answered.
+    `trees` are those that answered. None if no answer has a score of `least_score`, or those that have show no pixel
+    that a light reaches.
     """
     by_object = {one.tree.obj_id: one for one in trees}
     sure = [d for d in detections.by_score if d.score >= least_score and d.obj_id in by_object][:BEST_PARTS]
@@ -143,7 +148,10 @@ def calibrated_by_answers(
         )
         for d in sure
     ]  # fmt: skip
-    return self_calibrate(parts, images, sensor, depth) if parts else None
+    try:
+        return self_calibrate(parts, images, sensor, depth) if parts else None
+    except NothingLit:
+        return None
 
 
 def _allowed(depth: np.ndarray | None, sensor: Sensor) -> float:
@@ -161,7 +169,7 @@ def _start(parts: Sequence[PlacedPart], seen: Sighted, sensor: Sensor) -> Estima
     lights, kinds = _told_lights(sensor), 1 + max(part.kind for part in parts)
     pixels = lit_pixels(seen, parts, lights).pixels
     if not pixels.used.any():
-        raise ItreeError(
+        raise NothingLit(
             "self-calibration: no recognised part shows a pixel that a light reaches; are the poses those of this "
             "scene, and the images in the order of the lights?"
         )

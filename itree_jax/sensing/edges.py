@@ -103,6 +103,7 @@ class _Shadow(NamedTuple):
     found: Bool[np.ndarray, "points"]  # the border of a shadow
     light: Int[np.ndarray, "points"]  # whose; that of the deepest one if several end there
     blind: Bool[np.ndarray, "points"]  # no other light is there to compare with
+    dark: Bool[np.ndarray, "points"]  # one side is dark under some light: what all light can be no shadow's border
 
 
 def _shadows(lights: LightSides) -> _Shadow:
@@ -115,7 +116,8 @@ def _shadows(lights: LightSides) -> _Shadow:
     witness = (quiet & (lights.dark > LIT * top)).any(axis=1)
     light = np.argmax(np.where(into, lights.bright - lights.dark, -1.0), axis=1)
     one = falls.sum(axis=1) == 1
-    return _Shadow(explained & into.any(axis=1) & witness, light, (quiet | falls).all(axis=1) & ~witness & one)
+    blind = (quiet | falls).all(axis=1) & ~witness & one
+    return _Shadow(explained & into.any(axis=1) & witness, light, blind, falls.any(axis=1))
 
 
 def _by_lights(shadow: _Shadow, fold: Fold | None) -> Int[np.ndarray, "points"]:
@@ -130,7 +132,8 @@ def _with_depth(
     by_lights: Int[np.ndarray, "points"], shadow: _Shadow, sides: DepthSides, turn: Float[np.ndarray, "points"]
 ) -> Int[np.ndarray, "points"]:
     """Labels of edges that a depth map is known around; NaN in `step` or `turn` where it isn't."""
-    by_turn = np.where((np.abs(turn) > CREASE) & ~shadow.found, EdgeLabel.CREASE, EdgeLabel.SHADOW)
+    goes_on = shadow.found | ((np.abs(turn) <= CREASE) & shadow.dark)
+    by_turn = np.where(goes_on, EdgeLabel.SHADOW, EdgeLabel.CREASE)
     label = np.where(np.isnan(turn), by_lights, by_turn)
     label = np.where(sides.is_step, EdgeLabel.OUTLINE, label)
     return np.where(np.isnan(sides.step), by_lights, label)
