@@ -173,7 +173,8 @@ def judge(
     """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
     tolerances, sensor = plan.rounds[-1].tolerances, sight.sensor
     verdict, origin, stride = verify(
-        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump,
+        sight.others,
     )
     least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
     judged = Judged(verdict, origin, stride, least)
@@ -246,7 +247,7 @@ def narrow(
         )
         hypotheses = hypotheses._replace(poses=poses)
         edges = plan.jump if step.stage.contour else None
-        verdict, _, _ = verify(poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges)
+        verdict, _, _ = verify(poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others)
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
         kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)

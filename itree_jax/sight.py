@@ -9,6 +9,7 @@ from jaxtyping import Float
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import Schedule, depth_jump, schedule
+from itree_jax.sensing.albedo import dominant_albedo
 from itree_jax.sensing.edges import scene_edges
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
@@ -84,16 +85,25 @@ def look_with_two(
     needle = read_needles(images, sensor, None)
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
     found = regions(placed, depth, sensor, R_w2c)
-    observed = observe_with_edges(*believed(needle), depth, scene_edges(images, sensor, needle))
+    observed = observe_images(images, sensor, needle, depth)
     other = read_needles(second.images, second.sensor, None)
-    beside = observe_with_edges(
-        *believed(other), np.zeros(other.albedo.shape, np.float32), scene_edges(second.images, second.sensor, other)
-    )
+    beside = observe_images(second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32))
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
         found, needle, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, crease=CREASE,
     )
+
+
+def observe_images(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap,
+    depth: Float[np.ndarray, "height width"],
+) -> ObservedMaps:
+    """What a camera's images show beside its needles: edges, and shading by the parts' albedo."""
+    albedo = float(dominant_albedo(needle)) or 1.0
+    shading = np.moveaxis(images / (albedo * sensor.light_intensities[:, None, None]), 0, -1)
+    edges = scene_edges(images, sensor, needle)
+    return observe_with_edges(*believed(needle), depth, edges, shading, sensor.light_directions)
 
 
 def believed(needle: NeedleMap) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:
