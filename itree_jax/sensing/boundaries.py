@@ -78,7 +78,8 @@ def boundary_labels(found: Regions, edges: SceneEdges, sensor: Sensor) -> Bounda
         close = distance <= REACH
         edge[close] = nearest[close]
         label[close] = edges.label[nearest[close]]
-        behind = ((np.stack([columns, rows], axis=-1) - edges.uv[nearest]) * edges.direction[nearest]).sum(axis=-1) > 0.0
+        aside = np.stack([columns, rows], axis=-1) - edges.uv[nearest]
+        behind = (aside * edges.direction[nearest]).sum(axis=-1) > 0.0
         oriented = np.isfinite(found.mean_depth)[labels[rows, columns]]  # else outlines point to the darker side
         label[(label == BoundaryLabel.OUTLINE) & behind & oriented] = BoundaryLabel.HIDDEN
     label[_beside_nothing(labels.shape, sensor)[rows, columns]] = BoundaryLabel.RIM

@@ -22,8 +22,8 @@ def sensor_of(**changes):
 def regions_of(labels, depth=np.nan) -> Regions:
     n = int(labels.max()) + 1
     zero = np.zeros(n)
-    return Regions(labels.astype(np.int32), zero.astype(int), zero, np.zeros((n, 2)), np.zeros((n, 3)), zero + depth, zero,
-                   np.zeros((n, 4), int))  # fmt: skip
+    uv, normal, box = np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n, 4), int)
+    return Regions(labels.astype(np.int32), zero.astype(int), zero, uv, normal, zero + depth, zero, box)
 
 
 def points(uv, label) -> SceneEdges:
