@@ -68,6 +68,7 @@ class Detections:
     im_id: int = 0
     labels: Int[np.ndarray, "height width"] | None = field(default=None, repr=False)  # region of a pixel, -1 none
     not_recognised: tuple[dict[str, Any], ...] = ()  # one per region: {"region": int, "reason": str, ...}
+    lights: dict[str, Any] | None = None  # corrections by self-calibration, where it was asked for (plain JSON data)
     interpretations: int = 0  # regions times parts that were asked for attitudes: what the time grows with
 
     def __len__(self) -> int:

@@ -59,6 +59,11 @@ def write_json(detections: Iterable[Detections], path: str | Path) -> None:
     """
     document = {"version": RESULTS_VERSION, "units": {"length": "mm", "angle": "deg", "time": "s"},
                 "images": [_image_to_json(image) for image in _by_scene(detections)]}  # fmt: skip
+    write_json_document(document, path)
+
+
+def write_json_document(document: dict[str, Any], path: str | Path) -> None:
+    """Writes JSON whole or not at all. A number that is not finite is written as null."""
     _write_atomically(Path(path), json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
 
 
@@ -132,7 +137,8 @@ def _by_scene(detections: Iterable[Detections]) -> list[Detections]:
 def _image_to_json(image: Detections) -> dict[str, Any]:
     return {"scene_id": image.scene_id, "im_id": image.im_id, "time": image.time,
             "detections": [_detection_to_json(d) for d in image.by_score],
-            "not_recognised": list(image.not_recognised)}  # fmt: skip
+            "not_recognised": list(image.not_recognised),
+            **({} if image.lights is None else {"lights": image.lights})}  # fmt: skip
 
 
 def _detection_to_json(d: Detection) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from itree_jax.cli.evaluate import Evaluate
 from itree_jax.cli.interrupt import heard_everywhere
 from itree_jax.cli.needle import Needle
 from itree_jax.cli.recognize import Recognize
+from itree_jax.cli.scene import MakeScene
 from itree_jax.cli.show import Show
 from itree_jax.cli.simulate import Simulate
 
@@ -22,6 +23,7 @@ VERBS = {
     "compile": Compile,
     "show": Show,
     "recognize": Recognize,
+    "scene": MakeScene,
     "simulate": Simulate,
     "evaluate": Evaluate,
     "needle": Needle,

@@ -12,11 +12,12 @@ from itree_kernels.errors import ItreeError
 
 from itree_jax.cli.outputs import check_file, check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
-from itree_jax.cli.terminal import output, progress
+from itree_jax.cli.terminal import output, progress, say
 
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
     from itree_jax.prepared import Prepared, PreparedForest
+    from itree_jax.refinement.self_calibration import SelfCalibration
     from itree_jax.report import IndexEntry
     from itree_jax.sensing.scene_folder import Scene
     from itree_jax.sensor import Sensor
@@ -44,6 +45,9 @@ class Recognize:
     """Write a page per scene, and an index."""
     depth: Literal["file", "stereo", "none"] = "file"
     """Where the depth map comes from."""
+    self_calibrate: bool = False
+    """Correct the lights by the parts found and recognise again with them; writes results.lights.json beside the
+    csv."""
     quiet: bool = False
     """Show nothing but errors."""
 
@@ -54,7 +58,7 @@ class Recognize:
             tell("loading", 0.0)
             start_jax()
             from itree_jax.prepared import prepare
-            from itree_jax.results import write_bop_csv, write_json
+            from itree_jax.results import write_bop_csv, write_json, write_json_document
             from itree_jax.sensing.scene_folder import scene_folders
             from itree_jax.tree.tree_file import load_tree
 
@@ -62,10 +66,10 @@ class Recognize:
             check_objects(prepared)
             folders = scene_folders(self.scenes)
             check_numbered(folders)
-            answers, entries, forests = [], [], {}
+            answers, entries, forests, lights = [], [], {}, {} if self.self_calibrate else None
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
-                scene, fitting, found = answer(folder, prepared, forests, self.quiet)
+                scene, fitting, found = answer(folder, prepared, forests, self.quiet, lights)
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting))
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
@@ -75,8 +79,17 @@ class Recognize:
             write_bop_csv(answers, self.output)
             if self.json is not None:
                 write_json(answers, self.json)
+            if lights is not None:
+                from itree_jax.refinement.light_corrections import lights_document
+
+                write_json_document(lights_document(lights), self.lights_file)
         if not self.quiet:
             output().print(answer_table(answers))
+            say_lights(lights)
+
+    @property
+    def lights_file(self) -> Path:
+        return self.output.with_name(f"{self.output.stem}.lights.json")
 
     def _check(self) -> None:
         if self.depth != "file":
@@ -88,23 +101,56 @@ class Recognize:
             raise ItreeError("no TREE is given; make one with `itree compile MODEL --sensor SENSOR -o TREE`")
         check_file(self.output)
         check_file(self.json)
+        check_file(self.lights_file if self.self_calibrate else None)
         check_folder(self.report)
 
 
 def answer(
-    folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool
+    folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool,
+    lights: "dict[str, SelfCalibration] | None" = None,
 ) -> "tuple[Scene, list[Prepared], Detections]":
     """A scene, the trees that fit its lights, and what they found in it; errors name the scene.
 
     Trees that had to be compiled for the scene's number of lights are added to `prepared`, and a forest that is not
-    known yet to `forests`.
+    known yet to `forests`. With `lights`, the lights are corrected by the parts found, the scene recognised again where
+    that is kept, and the correction added to `lights` under the folder's name.
     """
     try:
         prepared += trees_for_more_lights(folder, prepared, quiet)
         scene, fitting = load_with_trees(folder, prepared)
-        return scene, fitting, recognize_scene(scene, forest_of(fitting, forests))
+        found = recognize_scene(scene, forest_of(fitting, forests))
+        if lights is not None:
+            scene, found = recalibrated(scene, fitting, found, forests, lights)
+        return scene, fitting, found
     except ItreeError as error:
         raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
+
+
+def recalibrated(
+    scene: "Scene", fitting: "list[Prepared]", found: "Detections", forests: "Forests",
+    lights: "dict[str, SelfCalibration]",
+) -> "tuple[Scene, Detections]":
+    """The scene with corrected lights and what is found under them, if the correction is kept; else as they are."""
+    from itree_jax.refinement.light_corrections import corrections_to_json
+    from itree_jax.refinement.self_calibration import calibrated_by_answers
+
+    correction = calibrated_by_answers(found, fitting, scene.images, scene.sensor, scene.depth)
+    if correction is None:
+        return scene, found
+    lights[scene.folder.name if scene.folder else ""] = correction
+    if correction.kept:
+        scene = replace(scene, sensor=correction.sensor)
+        again = recognize_scene(scene, forest_of(fitting, forests))
+        found = replace(again, time=found.time + again.time)
+    return scene, replace(found, lights=corrections_to_json(correction))
+
+
+def say_lights(lights: "dict[str, SelfCalibration] | None") -> None:
+    """How the lights were corrected, a line per scene."""
+    from itree_jax.refinement.light_corrections import corrections_in_words
+
+    for name, correction in (lights or {}).items():
+        say(f"lights by scene {name}: {corrections_in_words(correction)}", quiet=False)
 
 
 def load_with_trees(folder: Path, prepared: "Sequence[Prepared]") -> "tuple[Scene, list[Prepared]]":

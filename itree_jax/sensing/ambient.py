@@ -4,28 +4,41 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+from itree_jax.sensing.noise_model import intensity_std, saturation_level
+from itree_jax.sensor import Noise
+
+NOISE_SIGMAS = 4.0  # a difference beyond is not noise
+MOST_BRIGHTER = 0.01  # of the pixels: something small may have moved; more, and the frame is not of this scene
+
 
 def subtract_ambient(
     images: Float[np.ndarray, "*batch lights height width"],
     ambient: Float[np.ndarray, "height width"] | Float[np.ndarray, "lights height width"],
-    full_scale: float = 1.0,
+    noise: Noise,
 ) -> Float[np.ndarray, "*batch lights height width"]:
-    """Images less the ambient frame, taken with their exposure (linear, 1.0 = full
-    scale; `full_scale`: the least value that is saturated).
+    """Images less the frame that was taken with every lamp off and the same exposure (linear, 1.0 = full scale).
 
-    Saturated pixels keep their value, so that they still count as saturated; where the ambient frame itself is
-    saturated, so is every image. The ambient light's own shot noise is not added to the noise model. Raises
-    `ItreeError` if the sizes differ or the frame is brighter than the images (then it is none, or was exposed longer).
+    One frame for all images, or one for each light's exposure. Pixels that are saturated in an image, or in the ambient
+    frame, are saturated in the result (1.0). Differences of dark pixels may be negative: noise is not cut off. Raises
+    `ItreeError` if the sizes differ, or if more than 1 % of an image's pixels are darker than the ambient frame by
+    more than noise: light only adds.
     """
-    if ambient.shape not in (images.shape[-2:], images.shape[-3:]):
+    if ambient.ndim not in (2, 3) or ambient.shape not in (images.shape[-2:], images.shape[-3:]):
         raise ItreeError(
-            f"the ambient frame is {ambient.shape[-1]} x {ambient.shape[-2]} px, the images are {images.shape[-1]} x "
-            f"{images.shape[-2]} px"
+            f"the ambient frame has shape {ambient.shape} (height, width last), the images {images.shape}; take it "
+            "with the same camera and region"
         )
-    if ambient.mean() > images.mean():
+    level = saturation_level(noise)
+    less = images - ambient
+    std = (np.asarray(intensity_std(frames, noise)) for frames in (images, ambient))
+    allowed = NOISE_SIGMAS * np.hypot(*std)
+    brighter = (less < -allowed).mean(axis=(-2, -1)).reshape(-1)
+    worst = int(np.argmax(brighter))
+    if brighter[worst] > MOST_BRIGHTER:
         raise ItreeError(
-            f"the ambient frame is brighter than the images (mean {ambient.mean():.3g}, theirs {images.mean():.3g} of "
-            "full scale): it must show the same scene with every lamp off, at the same exposure"
+            f"the ambient frame is brighter than image {worst % images.shape[-3]} at {100 * brighter[worst]:.0f} % of "
+            f"the pixels (at most {100 * MOST_BRIGHTER:.0f} % may be); it must show the same scene, with the same "
+            "exposure, with every lamp off"
         )
-    less = np.where(images >= full_scale, images, images - ambient)
-    return np.where(ambient >= full_scale, np.float32(1.0), less).astype(images.dtype)
+    saturated = (images >= level) | (ambient >= level)
+    return np.where(saturated, 1.0, less).astype(images.dtype)

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 from itree_jax.sensing.ambient import subtract_ambient
 from itree_jax.sensing.image_file import undistorted
 from itree_jax.sensing.light_source import LightSource, light_source, with_lights
-from itree_jax.sensing.noise_model import saturation_level
 from itree_jax.sensing.photographs import (
     Channel,
     photograph_folder,
@@ -115,6 +114,6 @@ def _check_size(folder: Path, images: np.ndarray, sensor: Sensor) -> None:
 
 def _less(images: np.ndarray, dark: np.ndarray, sensor: Sensor, ambient: Path) -> np.ndarray:
     try:
-        return subtract_ambient(images, dark, saturation_level(sensor.noise))
+        return subtract_ambient(images, dark, sensor.noise)
     except ItreeError as error:
         raise ItreeError(f"{ambient}: {error}") from error

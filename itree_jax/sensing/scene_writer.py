@@ -39,21 +39,25 @@ class TrueObject:
 def write_scene(
     folder: str | Path,
     scene: Scene,
-    truth: Sequence[TrueObject] = (),
+    truth: Sequence[TrueObject] | None = (),
     *,
     depth_scale: float = DEPTH_SCALE,
     overwrite: bool = False,
+    right: Scene | None = None,
 ) -> None:
     """Write a scene and the true poses of its objects. The folder appears whole or not at all.
 
-    Images are stored as linear 16-bit PNG, 1.0 = 65535 (beyond is clipped); depth in steps of `depth_scale` [mm]. The
-    folder's name should be the scene id in six digits. Raises `ItreeError` if it exists (unless `overwrite`), cannot be
-    written, or a depth does not fit 16 bits.
+    Images are stored as 16-bit PNG as their sensor would: 1.0 is the full scale of its bit depth (65535 if it tells
+    none; beyond is clipped), with its response. Distortion is left as it is in the images. Depth is stored in steps of
+    `depth_scale` [mm]. `right` is what a second camera saw (another `im_id`; both must tell their pose in the world).
+    With `truth` None the files of the truth are left out: it is not known.
+    The folder's name should be the scene id in six digits. Raises `ItreeError` if it exists (unless `overwrite`),
+    cannot be written, a depth does not fit 16 bits, or the second camera's pose or number is missing.
     """
     folder = Path(folder)
     if folder.exists() and not overwrite:
         raise ItreeError(f"{folder}: exists already; remove it or choose another output folder")
-    contents = _contents(scene, truth, depth_scale)
+    contents = _contents(scene, truth, depth_scale) if right is None else _both(scene, right, truth, depth_scale)
     temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     try:
         for name, content in contents.items():
@@ -76,21 +80,52 @@ def _put_in_place(temporary: Path, folder: Path) -> None:
         os.replace(temporary, folder)
 
 
-def _contents(scene: Scene, truth: Sequence[TrueObject], depth_scale: float) -> dict[str, bytes]:
+def _both(scene: Scene, right: Scene, truth: Sequence[TrueObject] | None, depth_scale: float) -> dict[str, bytes]:
+    """File content of a scene with two cameras; the truth is told in the first one's frame."""
+    if right.im_id == scene.im_id or scene.t_w2c is None or right.t_w2c is None:
+        raise ItreeError(
+            f"scene {scene.scene_id}: a second camera needs an image number of its own (not {scene.im_id}), and both "
+            "cameras their pose in the world (R_w2c, t_w2c)"
+        )
+    entries = [_entries(one, depth_scale) for one in (scene, right)]
+    entries[0] |= _truth_entries(truth)
+    named = {name: {str(one.im_id): part[name] for one, part in zip((scene, right), entries, strict=True)
+                    if name in part} for name in entries[0]}  # fmt: skip
+    named["scene_stereo.json"] = {str(scene.im_id): {"right": right.im_id}}
+    files = {name: _json(data) for name, data in named.items()}
+    return files | _image_files(scene, depth_scale) | _image_files(right, depth_scale)
+
+
+def _contents(scene: Scene, truth: Sequence[TrueObject] | None, depth_scale: float) -> dict[str, bytes]:
     """File content by name, relative to the scene folder."""
-    i = str(scene.im_id)
-    contents = {
-        "scene_camera.json": _json({i: _camera_entry(scene, depth_scale)}),
-        "scene_lights.json": _json({i: lights_entry(scene.sensor)}),
-        "scene_gt.json": _json({i: [_pose_entry(true) for true in truth]}),
-        "scene_gt_info.json": _json({i: [_visibility_entry(true) for true in truth]}),
+    entries = _entries(scene, depth_scale) | _truth_entries(truth)
+    files = {name: _json({str(scene.im_id): entry}) for name, entry in entries.items()}
+    return files | _image_files(scene, depth_scale)
+
+
+def _entries(scene: Scene, depth_scale: float) -> dict[str, Any]:
+    """What the JSON files tell of one camera image, by file."""
+    return {"scene_camera.json": _camera_entry(scene, depth_scale), "scene_lights.json": lights_entry(scene.sensor)}
+
+
+def _truth_entries(truth: Sequence[TrueObject] | None) -> dict[str, Any]:
+    if truth is None:
+        return {}
+    return {
+        "scene_gt.json": [_pose_entry(true) for true in truth],
+        "scene_gt_info.json": [_visibility_entry(true) for true in truth],
     }
+
+
+def _image_files(scene: Scene, depth_scale: float) -> dict[str, bytes]:
+    full_scale = FULL_SCALE if scene.sensor.bit_depth is None else 2**scene.sensor.bit_depth - 1
+    files = {}
     for k, image in enumerate(scene.images):
-        stored = np.round(np.clip(image.astype(np.float64), 0.0, 1.0) * FULL_SCALE).astype(np.uint16)
-        contents[f"lit/{scene.im_id:06d}_{k:02d}.png"] = png_bytes(stored)
+        response = np.clip(image.astype(np.float64), 0.0, 1.0) ** (1.0 / scene.sensor.gamma)
+        files[f"lit/{scene.im_id:06d}_{k:02d}.png"] = png_bytes(np.round(response * full_scale).astype(np.uint16))
     if scene.depth is not None:
-        contents[f"depth/{scene.im_id:06d}.png"] = png_bytes(_depth_steps(scene, depth_scale))
-    return contents
+        files[f"depth/{scene.im_id:06d}.png"] = png_bytes(_depth_steps(scene, depth_scale))
+    return files
 
 
 def _depth_steps(scene: Scene, depth_scale: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from itree_kernels.instances import Material
 from itree_kernels.lit_scene import LitScene, render_scene
 from itree_kernels.mesh import RayMesh, ray_mesh
 from itree_kernels.noise import sensor_noise
+from itree_kernels.reflected import reflected_light
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensing.scene_folder import Scene
@@ -28,12 +29,14 @@ class Look:
     exponent: float = 20.0
     bin_albedo: float = 0.06  # a dark bin, as in a cell: it lights the parts little
     ambient: float = 0.0  # of each light's intensity, everywhere: stands for light between the parts
+    reflected: int = 0  # paths per pixel that trace the light between the parts; 0: none is traced
 
 
 LOOKS = {
     look.name: look
     for look in (
         Look("lambert"),
+        Look("reflecting", reflected=16),
         Look("plastic", albedo=0.55, specular=0.15, exponent=12.0, ambient=0.02),
         Look("metal", albedo=0.35, specular=0.45, exponent=8.0, ambient=0.03),
     )
@@ -120,10 +123,10 @@ def _render(
         specular=np.where(of_part, look.specular, 0.0),
         exponent=look.exponent,
     )
-    return render_scene(
-        [*meshes, bin_mesh], np.append(of_kind, len(meshes)), T[:, :3, :3], T[:, :3, 3], sensor.camera,
-        sensor.light_directions, sensor.light_intensities, material, look.ambient,
-    )  # fmt: skip
+    scene = ([*meshes, bin_mesh], np.append(of_kind, len(meshes)), T[:, :3, :3], T[:, :3, 3], sensor.camera,
+             sensor.light_directions, sensor.light_intensities, material)  # fmt: skip
+    lit = render_scene(*scene, look.ambient)
+    return lit if not look.reflected else replace(lit, images=lit.images + reflected_light(*scene, look.reflected))
 
 
 def _true_object(
