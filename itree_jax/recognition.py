@@ -30,7 +30,7 @@ from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, ask_root
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.photometric import needle_map
+from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import segment_centres
 from itree_jax.sensor import Sensor
@@ -111,7 +111,7 @@ def recognize_one(
     if depth is None:
         raise ItreeError("recognition needs a depth map for now: give depth= (z in mm per pixel, 0 = none)")
     depth = np.asarray(depth, np.float32)
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
+    needle = read_needles(images, sensor, depth)
     found = regions(needle, depth, sensor, R_w2c)
     if not found.count:
         return Detections((), time.perf_counter() - start, labels=found.labels)

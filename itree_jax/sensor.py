@@ -18,7 +18,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One camera with three or more switchable distant lights.
+    """One camera with three or more switchable lights, distant ones or near points.
 
     Detectable (sec. 2.1.1): a point is detectable when its slant is under `slant_limit` and no light is blocked there,
     by the surface itself (attached shadow) or by another part of it (cast shadow).
@@ -35,6 +35,10 @@ class Sensor:
     gamma: float = 1.0  # response: stored value = intensity ** (1 / gamma)
     region_of_interest: Bool[np.ndarray, "height width"] | None = None  # True where parts may lie
     bit_depth: int | None = None  # full scale of stored integers is 2**bit_depth - 1; None: that of the file, 8 or 16
+
+    # [mm], camera frame: near point lights (`sensing.near_lights`). Directions and intensities are then those where the
+    # optical axis meets the working distance.
+    light_positions: Float[np.ndarray, "lights 3"] | None = None
 
     @property
     def light_count(self) -> int:

@@ -7,10 +7,12 @@ from importlib.metadata import version
 import tyro
 from itree_kernels.errors import ItreeError
 
+from itree_jax.cli.calibrate_lights import CalibrateLights
 from itree_jax.cli.compile import Compile
 from itree_jax.cli.demo import Demo
 from itree_jax.cli.evaluate import Evaluate
 from itree_jax.cli.interrupt import heard_everywhere
+from itree_jax.cli.needle import Needle
 from itree_jax.cli.recognize import Recognize
 from itree_jax.cli.scene import MakeScene
 from itree_jax.cli.show import Show
@@ -24,6 +26,8 @@ VERBS = {
     "scene": MakeScene,
     "simulate": Simulate,
     "evaluate": Evaluate,
+    "needle": Needle,
+    "calibrate-lights": CalibrateLights,
     "demo": Demo,
 }
 DESCRIPTION = (

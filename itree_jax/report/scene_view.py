@@ -15,7 +15,7 @@ from itree_jax.report.residuals import Allowed, Codes, Residuals, allowed, combi
 from itree_jax.report.scene_pictures import Picture, displayed, white_level
 from itree_jax.report.truth_view import Comparison, TruePose, compare
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.photometric import needle_map
+from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
 
@@ -75,7 +75,7 @@ def scene_view(
             f"the detections are of the parts {unknown}, the trees of {sorted(by_id)}: a report needs the tree of "
             "every part recognised"
         )
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(scene.images, scene.sensor)))
+    needle = read_needles(scene.images, scene.sensor, scene.depth)
     used = {d.obj_id for d in detections} | {obj_id for obj_id, _, _ in truth or () if obj_id in by_id}
     meshes = {k: part_mesh(by_id[k]) for k in sorted(used)}
     offered = detections.by_offer

@@ -11,11 +11,8 @@ from jaxtyping import Float, Num, UInt
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 
 
-def read_image(path: Path) -> Num[np.ndarray, "height width"]:
-    """A single-channel image as stored: uint8, uint16 or float. Three equal channels count as one.
-
-    Raises `ItreeError` if it cannot be read or has colour.
-    """
+def decoded(path: Path) -> Num[np.ndarray, "..."]:
+    """What the file holds, colour in OpenCV's order (blue first). Raises `ItreeError` if it cannot be read."""
     try:
         if path.suffix == ".npy":
             image = np.load(path, allow_pickle=False)
@@ -25,6 +22,15 @@ def read_image(path: Path) -> Num[np.ndarray, "height width"]:
         raise ItreeError(f"{path}: the image cannot be read ({error})") from error
     if image is None:
         raise ItreeError(f"{path}: not an image, or a kind that is not understood; use 8- or 16-bit PNG")
+    return image
+
+
+def read_image(path: Path) -> Num[np.ndarray, "height width"]:
+    """A single-channel image as stored: uint8, uint16 or float. Three equal channels count as one.
+
+    Raises `ItreeError` if it cannot be read or has colour.
+    """
+    image = decoded(path)
     if image.ndim == 3:
         colours = image[..., :3]
         if (colours != colours[..., :1]).any():
@@ -44,7 +50,13 @@ def read_intensity(path: Path, bit_depth: int | None = None, gamma: float = 1.0)
     Full scale of an integer image is 2^bit_depth - 1 (default: its type's), of a float image 1.0. `gamma` undoes a
     response stored = intensity^(1/gamma). Raises `ItreeError` if values exceed the stated bit depth or are not finite.
     """
-    image = read_image(path)
+    return linear(read_image(path), path, bit_depth, gamma)
+
+
+def linear(
+    image: Num[np.ndarray, "*shape"], path: Path, bit_depth: int | None, gamma: float
+) -> Float[np.ndarray, "*shape"]:
+    """Stored values -> linear float32 intensity, as `read_intensity` says; `path` is for its errors."""
     if image.dtype.kind == "f":
         intensity = image.astype(np.float64)
     elif image.dtype in (np.uint8, np.uint16):
@@ -78,9 +90,9 @@ def undistorted(
     return cv2.remap(image, u, v, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
 
-def png_bytes(image: UInt[np.ndarray, "height width"]) -> bytes:
-    """PNG file content of an 8- or 16-bit image."""
-    ok, content = cv2.imencode(".png", image)
+def png_bytes(image: UInt[np.ndarray, "height width *channels"]) -> bytes:
+    """PNG file content of an 8- or 16-bit image; three channels are red, green, blue."""
+    ok, content = cv2.imencode(".png", image[..., ::-1] if image.ndim == 3 else image)
     if not ok:
         raise ItreeError(f"an image of shape {image.shape} and type {image.dtype} cannot be stored as PNG")
     return content.tobytes()

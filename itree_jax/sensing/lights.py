@@ -1,5 +1,8 @@
 """Light directions: checked at the door, and what they say about slants and shadows."""
 
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
@@ -7,6 +10,52 @@ from jaxtyping import Float
 UNIT_TOLERANCE = 1e-3  # a direction printed with four digits is unit to this
 MAX_CONDITION = 100.0  # beyond, 1 % of error in an intensity could turn a normal anywhere: no three lights in space
 SLANT_GUARD = np.radians(13.0)  # see `slant_limit_of`
+
+
+class Lights(NamedTuple):
+    """Three or more lights; with `positions` near ones, whose directions are those at `axis_point`."""
+
+    directions: Float[np.ndarray, "lights 3"]  # unit, from the scene toward the light, camera frame
+    intensities: Float[np.ndarray, "lights"]
+    positions: Float[np.ndarray, "lights 3"] | None  # [mm], camera frame
+
+
+def lights_of_entry(entry: Mapping[str, Any], working_distance: float | None, where: str) -> Lights:
+    """The lights that a JSON object tells by 'directions' or by 'positions_mm', and 'intensities'.
+
+    Raises `ItreeError` if it has both or neither, if near lights have no working distance [mm] to be told at, and as
+    `checked_lights` does.
+    """
+    if ("directions" in entry) == ("positions_mm" in entry):
+        found = "both are there" if "directions" in entry else "neither is there"
+        raise ItreeError(
+            f"{where}: lights are told by 'directions' (distant) or by 'positions_mm' (near): {found}, give one"
+        )
+    if "directions" in entry:
+        return Lights(*checked_lights(entry["directions"], entry.get("intensities"), where), None)
+    if working_distance is None:
+        raise ItreeError(
+            f"{where}: near lights ('positions_mm') need a camera and a working distance: put them into a sensor JSON"
+        )
+    positions, _ = _as_arrays(entry["positions_mm"], entry.get("intensities"), f"{where}: 'positions_mm'")
+    for i, position in enumerate(positions):
+        if not np.linalg.norm(position - axis_point(working_distance)) > 0.0:
+            raise ItreeError(f"{where}: 'positions_mm'[{i}] must be a point [x, y, z] other than where the parts lie")
+    directions = directions_on_axis(positions, working_distance)
+    return Lights(*checked_lights(directions, entry.get("intensities"), where), positions)
+
+
+def axis_point(working_distance: float) -> Float[np.ndarray, "3"]:
+    """Where the optical axis meets the working distance [mm]: what near lights are told for."""
+    return np.array([0.0, 0.0, working_distance])
+
+
+def directions_on_axis(
+    positions: Float[np.ndarray, "lights 3"], working_distance: float
+) -> Float[np.ndarray, "lights 3"]:
+    """Unit directions toward near lights from `axis_point`."""
+    to_light = positions - axis_point(working_distance)
+    return to_light / np.linalg.norm(to_light, axis=1, keepdims=True)
 
 
 def checked_lights(directions: object, intensities: object, where: str) -> tuple[np.ndarray, np.ndarray]:

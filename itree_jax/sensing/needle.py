@@ -19,3 +19,7 @@ class NeedleMap(NamedTuple):
     saturated: Bool[Array, "*batch lights height width"]
     confidence: Float[Array, "*batch height width"]  # 1 = albedo as the parts' dominant one, falls to 0
     normal_std: Float[Array, "*batch height width"]  # rms angle [rad] by which sensor noise turns the normal; 0 = none
+    # rms angle [rad] by which the model's error turns it: reflectance and interreflection, shared by a face's pixels
+    normal_bias: Float[Array, "*batch height width"]
+    shadow_probability: Float[Array, "*batch lights height width"]  # that the light does not reach the pixel
+    reaching: Bool[Array, "*batch lights height width"]  # the lights that the normal is made from

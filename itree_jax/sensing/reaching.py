@@ -8,16 +8,21 @@ No threshold at full scale does it, because interreflection fills shadows (2 / 8
 - of more than three lights, sets that leave out some of the darkest (shadow) and of the brightest (highlight) are
   compared by likelihood: lit lights scatter about the least-squares fit by noise and model error, a shadowed one is
   dark with an exponential of interreflection, a highlight outshines the lit ones and is anywhere above the fit.
+
+The likelihoods also tell how probable each light's shadow is. Lights come first in all arrays here: every step is then
+an operation on whole images, one light after another, which the compiler turns into vector instructions.
 """
 
 import itertools
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.sensing.least_squares import LightPlanes, light_sum, normal_equations, predicted
 from itree_jax.sensing.needle import Array
 
 LIGHTS_NEEDED = 3
@@ -36,6 +41,13 @@ AZIMUTHS = 72  # every 5 degrees: the ratio changes by less than 1 % between two
 LEAST_DETERMINANT = 1e-6  # of unit-trace normal equations: the set's lights lie in one plane
 
 
+class Reaching(NamedTuple):
+    """Which lights reach each pixel."""
+
+    lit: Bool[Array, "lights *pixels"]  # the most likely set; fewer than three where there is no such set
+    shadow_probability: Float[Array, "lights *pixels"]  # over all sets that were compared
+
+
 def shadow_ratio(L: Float[Array, "lights 3"], slant_limit: float | Float[Array, ""]) -> Float[Array, ""]:
     """The least ratio of darkest to brightest light on a lit Lambertian surface whose slant is within the limit [rad].
 
@@ -50,34 +62,44 @@ def shadow_ratio(L: Float[Array, "lights 3"], slant_limit: float | Float[Array, 
 
 
 def lights_that_reach(
-    x: Float[Array, "*pixels lights"],
-    std: Float[Array, "*pixels lights"],
-    saturated: Bool[Array, "*pixels lights"],
-    L: Float[Array, "lights 3"],
-    floor: Float[Array, "lights"],
+    x: Float[Array, "lights *pixels"],
+    std: Float[Array, "lights *pixels"],
+    saturated: Bool[Array, "lights *pixels"],
+    L: LightPlanes,
+    floor: Float[Array, "lights *or_pixels"],
     ratio: Float[Array, ""],
-) -> Bool[Array, "*pixels lights"]:
-    """The most likely set of lights that reach each pixel; fewer than three where there is no such set.
+) -> Reaching:
+    """The most likely set of lights that reach each pixel, and the probability that each is in shadow there.
 
     `x` intensities over light intensities, `std` theirs, `floor` the darkest that is told from noise, `ratio` of
-    `shadow_ratio`.
+    `shadow_ratio`. Where three lights are all there are, their fit is exact and says nothing: the ratio decides, and
+    the probability is that of darkness alone. A saturated light is lit: its probability of shadow is 0.
     """
     usable = ~saturated
-    rank, count = _ranks(x, usable), usable.sum(-1)[..., None]
+    rank, count = _ranks(x, usable), light_sum(usable.astype(jnp.int32))
 
-    def candidate(darkest: Int[Array, ""], brightest_: Int[Array, ""]) -> tuple[Array, Array]:
-        lit = usable & (rank >= darkest) & (rank < count - brightest_)
-        lit &= x > jnp.maximum(floor, ratio * brightest(x, lit)[..., None])
-        return lit, _cost(x, std, usable, lit, L)
+    def candidate(left_out: Int[Array, "2"]) -> tuple[Array, Array, Array]:
+        lit = usable & (rank >= left_out[0]) & (rank < count - left_out[1])
+        lit &= x > jnp.maximum(floor, ratio * brightest(x, lit))
+        cost, shadow = _cost(x, std, usable, lit, L)
+        return lit, cost, shadow
 
-    def better(best: tuple[Array, Array], left_out: Int[Array, "2"]) -> tuple[tuple[Array, Array], None]:
-        lit, cost = candidate(left_out[0], left_out[1])
-        take = cost < best[1]
-        return (jnp.where(take[..., None], lit, best[0]), jnp.where(take, cost, best[1])), None
+    def compare(so_far: tuple, left_out: Int[Array, "2"]) -> tuple[tuple, None]:
+        best, least, total, shadows = so_far
+        lit, cost, shadow = candidate(left_out)
+        take = cost < least
+        lower = jnp.minimum(cost, least)
+        keep, new = jnp.exp(lower - least), jnp.exp(lower - cost)
+        return (
+            jnp.where(take, lit, best), lower, keep * total + new, keep * shadows + new * shadow.astype(x.dtype),
+        ), None  # fmt: skip
 
-    left_out = jnp.asarray(_sets_left_out(L.shape[0]))
-    (reaching, _), _ = jax.lax.scan(better, candidate(left_out[0, 0], left_out[0, 1]), left_out[1:])
-    return reaching
+    nothing = jnp.zeros_like(x[0])
+    start = (jnp.zeros_like(usable), nothing + jnp.inf, nothing, jnp.zeros_like(x))
+    # All sets go through the loop, the first one too: a loop of one round would be fused into what uses its result,
+    # and computed again in every use.
+    (best, _, total, shadows), _ = jax.lax.scan(compare, start, jnp.asarray(_sets_left_out(len(x))))
+    return Reaching(best, shadows / total)
 
 
 def _sets_left_out(lights: int) -> np.ndarray:
@@ -90,80 +112,64 @@ def _sets_left_out(lights: int) -> np.ndarray:
     return np.array([*kept, (lights - 2, 0)], dtype=np.int32)
 
 
-def _ranks(x: Float[Array, "*pixels lights"], usable: Bool[Array, "*pixels lights"]) -> Int[Array, "*pixels lights"]:
+def _ranks(x: Float[Array, "lights *pixels"], usable: Bool[Array, "lights *pixels"]) -> Int[Array, "lights *pixels"]:
     """Place of each light among the usable ones of its pixel, darkest 0; ties in the order of the lights."""
-    i = jnp.arange(x.shape[-1])
-    darker = (x[..., None, :] < x[..., :, None]) | ((x[..., None, :] == x[..., :, None]) & (i[None, :] < i[:, None]))
-    return (darker & usable[..., None, :]).sum(-1)
+    lights = range(len(x))
+    return jnp.stack([
+        light_sum(jnp.stack([
+            (usable[j] & ((x[j] < x[i]) | ((x[j] == x[i]) & (j < i)))).astype(jnp.int32) for j in lights if j != i
+        ]))
+        for i in lights
+    ])  # fmt: skip
 
 
 def _cost(
-    x: Float[Array, "*pixels lights"],
-    std: Float[Array, "*pixels lights"],
-    usable: Bool[Array, "*pixels lights"],
-    lit: Bool[Array, "*pixels lights"],
-    L: Float[Array, "lights 3"],
-) -> Float[Array, "*pixels"]:
-    """Negative log likelihood of the intensities if the lights `lit` reach the pixel and other usable ones do not."""
-    solvable = (lit.sum(-1) >= LIGHTS_NEEDED) & (_determinant(lit, L) > LEAST_DETERMINANT)
-    b, _ = solve(x, std, lit | ~solvable[..., None], L)
-    top = brightest(x, lit)[..., None]
+    x: Float[Array, "lights *pixels"],
+    std: Float[Array, "lights *pixels"],
+    usable: Bool[Array, "lights *pixels"],
+    lit: Bool[Array, "lights *pixels"],
+    L: LightPlanes,
+) -> tuple[Float[Array, "*pixels"], Bool[Array, "lights *pixels"]]:
+    """Negative log likelihood of the intensities if the lights `lit` reach the pixel and other usable ones do not, and
+    which of these would be shadows (the others are highlights).
+    """
+    top = brightest(x, lit)
+    weight = weights(std, lit, x)
+    solved = normal_equations(weight, L)
+    solvable = (light_sum(lit.astype(jnp.int32)) >= LIGHTS_NEEDED) & (_spread(lit, L) > LEAST_DETERMINANT)
+    b = solved.solve(light_sum(weight[:, None] * x[:, None] * L))
     # Two lights always fit; of the albedo they tell that it is no less than the brighter one.
-    expected = jnp.where(solvable[..., None], predicted(b, L), x)
-    scale = jnp.where(solvable, jnp.sqrt((b * b).sum(-1)), top[..., 0])[..., None]
+    expected = jnp.where(solvable, predicted(b, L), x)
+    scale = jnp.where(solvable, jnp.sqrt(light_sum(b * b)), top)
     scale = jnp.maximum(scale, 1e-6)  # densities are over x / albedo
     sigma = jnp.hypot(std, MODEL_ERROR * top) / scale
-    as_lit = 0.5 * ((x - expected) / scale / sigma) ** 2 + jnp.log(sigma * math.sqrt(2.0 * math.pi))
-    as_lit -= math.log(1.0 - SHADOW_PRIOR - HIGHLIGHT_PRIOR)
+    as_lit = 0.5 * ((x - expected) / scale / sigma) ** 2 + jnp.log(sigma)
+    as_lit += 0.5 * math.log(2.0 * math.pi) - math.log(1.0 - SHADOW_PRIOR - HIGHLIGHT_PRIOR)
     as_shadow = jnp.maximum(x, 0.0) / scale / SHADOW_FILL + math.log(SHADOW_FILL / SHADOW_PRIOR)
-    as_other = jnp.where(x > jnp.maximum(expected, top), -math.log(HIGHLIGHT_PRIOR), as_shadow)
-    return jnp.where(usable, jnp.where(lit, as_lit, as_other), 0.0).sum(-1)
+    outshines = x > jnp.maximum(expected, top)
+    as_other = jnp.where(outshines, -math.log(HIGHLIGHT_PRIOR), as_shadow)
+    cost = light_sum(jnp.where(usable, jnp.where(lit, as_lit, as_other), 0.0))
+    return cost, usable & ~lit & ~outshines
 
 
-def brightest(x: Float[Array, "*pixels lights"], reaching: Bool[Array, "*pixels lights"]) -> Float[Array, "*pixels"]:
-    """The largest intensity among the lights that reach the pixel, at least 0."""
-    return jnp.where(reaching, x, 0.0).max(-1)
+def weights(
+    std: Float[Array, "lights *pixels"], reaching: Bool[Array, "lights *pixels"], x: Float[Array, "lights *pixels"]
+) -> Float[Array, "lights *pixels"]:
+    """One over the variance of noise and model error together, relative to the largest; 0 for lights that don't reach.
 
-
-def predicted(b: Float[Array, "*pixels 3"], L: Float[Array, "lights 3"]) -> Float[Array, "*pixels lights"]:
-    """Lambert's x_i = b . l_i, b = albedo * normal."""
-    return b @ L.T
-
-
-def solve(
-    x: Float[Array, "*pixels lights"],
-    std: Float[Array, "*pixels lights"],
-    reaching: Bool[Array, "*pixels lights"],
-    L: Float[Array, "lights 3"],
-) -> tuple[Float[Array, "*pixels 3"], Float[Array, "*pixels 3 lights"]]:
-    """Weighted least squares b = G x over the lights that reach; they must span space.
-
-    Weights are one over the variance of noise and model error together, relative to the largest; x, b and std may have
-    any common scale.
+    x and std may have any scale.
     """
-    variance = std**2 + (MODEL_ERROR * brightest(x, reaching)[..., None]) ** 2
-    w = jnp.where(reaching, variance.min(-1, keepdims=True) / variance, 0.0)
-    inverse = _inverse_of_symmetric(w @ _squares(L))
-    G = inverse @ (w[..., None, :] * L.T)
-    return (G * x[..., None, :]).sum(-1), G
+    variance = std**2 + (MODEL_ERROR * brightest(x, reaching)) ** 2
+    return jnp.where(reaching, variance.min(0) / variance, 0.0)
 
 
-def _squares(L: Float[Array, "lights 3"]) -> Float[Array, "lights 6"]:
-    """xx, xy, xz, yy, yz, zz of each light."""
-    i, j = np.triu_indices(3)
-    return L[:, i] * L[:, j]
+def brightest(x: Float[Array, "lights *pixels"], reaching: Bool[Array, "lights *pixels"]) -> Float[Array, "*pixels"]:
+    """The largest intensity among the lights that reach the pixel, at least 0."""
+    return jnp.where(reaching, x, 0.0).max(0)
 
 
-def _inverse_of_symmetric(A: Float[Array, "*pixels 6"]) -> Float[Array, "*pixels 3 3"]:
-    a, b, c, d, e, f = jnp.moveaxis(A, -1, 0)
-    cofactors = (d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b)
-    determinant = a * cofactors[0] + b * cofactors[1] + c * cofactors[2]
-    xx, xy, xz, yy, yz, zz = (cofactor / determinant for cofactor in cofactors)
-    return jnp.stack([jnp.stack([xx, xy, xz], -1), jnp.stack([xy, yy, yz], -1), jnp.stack([xz, yz, zz], -1)], axis=-2)
-
-
-def _determinant(lit: Bool[Array, "*pixels lights"], L: Float[Array, "lights 3"]) -> Float[Array, "*pixels"]:
-    """Of the sum of l l^T over the lit lights, divided by their number: 1/27 at most, 0 for lights in one plane."""
-    number = jnp.maximum(lit.sum(-1, keepdims=True), 1).astype(L.dtype)
-    a, b, c, d, e, f = jnp.moveaxis((lit.astype(L.dtype) @ _squares(L)) / number, -1, 0)
-    return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+def _spread(lit: Bool[Array, "lights *pixels"], L: LightPlanes) -> Float[Array, "*pixels"]:
+    """Determinant of the mean of l l^T over the lit lights: 1/27 at most, 0 for lights in one plane."""
+    weight = lit.astype(L.dtype)
+    number = jnp.maximum(light_sum(weight), 1.0)
+    return normal_equations(weight / number, L).determinant

@@ -1,26 +1,25 @@
 """Regions: connected pieces of surface that the needle map tells about (Ikeuchi 1987, sec. 4.2).
 
-A region is an 8-connected set of interpretable pixels within the slant limit, cut at depth discontinuities and larger
-than the sensor's smallest region. Floor and bin make regions too: what a region belongs to is for recognition to say.
+A region is an 8-connected set of interpretable pixels within the slant limit, cut at depth discontinuities, or where
+there is no depth map at edges between surfaces (`region_cuts`), and larger than the sensor's smallest region. Floor and
+bin make regions too: what a region belongs to is for recognition to say.
 """
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from itree_jax.sensing.connected import NO_REGION, connected, cut_links
+from itree_jax.sensing.depth_steps import depth_noise as depth_noise
+from itree_jax.sensing.edges import SceneEdges
 from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.region_cuts import WITH_DEPTH, WITHOUT_DEPTH, Cuts, parting
 from itree_jax.sensor import Sensor
 
-NO_REGION = -1
 HEIGHT_PERCENTILE = 90.0  # the top of a region, without its few highest (noisiest) pixels
-# A neighbour is cut off beyond two sigma of depth noise. One in twenty neighbours on the same surface is cut off too,
-# which disconnects nothing (each has seven more); a higher limit lets one noisy pixel bridge a step.
-DEPTH_SIGMAS = 2.0
-NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows, columns: half of the eight, each pair once
 
 
 @dataclass(frozen=True)
@@ -49,18 +48,23 @@ def regions(
     depth: Float[np.ndarray, "height width"] | None,
     sensor: Sensor,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    edges: SceneEdges | None = None,
+    cuts: Cuts | None = None,
 ) -> Regions:
     """The regions of a needle map, sorted by falling height. Runs on the host.
 
     `depth` is z [mm], 0 = none. Height is measured along the world's z axis if `R_w2c` (world z up) is given, else
     toward the camera, from the plane that the optical axis meets at the working distance. Without a depth map nothing
-    is cut by depth, height and depth are NaN, and the largest region comes first. Raises `ItreeError` if the sizes of
-    needle map, depth map and region of interest differ.
+    is cut by depth, height and depth are NaN, and the largest region comes first: give the scene's `edges`
+    (`sensing.edges.scene_edges`), or regions of several parts run together. `cuts` says which of them part regions;
+    None: `WITHOUT_DEPTH` or `WITH_DEPTH`. Raises `ItreeError` if the sizes of needle map, depth map and region of
+    interest differ.
     """
     normals = np.asarray(needle.normals, dtype=np.float64)
     _check_sizes(normals, depth, sensor)
     mask = detectable(needle, sensor)
-    labels = _connected(mask, depth, sensor)
+    cuts = cuts or (WITHOUT_DEPTH if depth is None else WITH_DEPTH)
+    labels = connected(mask, depth, sensor, None if edges is None else _links_cut(edges, cuts, mask))
     depth = np.full(mask.shape, np.nan) if depth is None else np.where(depth > 0.0, depth, np.nan).astype(np.float64)
     heights = _heights(depth, sensor, R_w2c)
     members = _members(labels, _least_pixels(depth, sensor))
@@ -89,36 +93,14 @@ def detectable(needle: NeedleMap, sensor: Sensor) -> Bool[np.ndarray, "height wi
     return mask if sensor.region_of_interest is None else mask & sensor.region_of_interest
 
 
-def depth_noise(depth: Float[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"]) -> float:
-    """Standard deviation [mm] of a depth map's noise: median absolute second difference along rows, within the mask.
-
-    Second differences vanish on a plane, whatever its slant, and the median forgets the steps. 0 without pixels.
-    """
-    known = mask & (depth > 0.0)
-    three = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
-    second = (depth[:, :-2] - 2.0 * depth[:, 1:-1] + depth[:, 2:])[three]
-    if second.size == 0:
-        return 0.0
-    return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0))  # MAD of a Gaussian; variance 1 + 4 + 1
-
-
-def depth_step_limit(
-    depth: Float[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"], sensor: Sensor
-) -> float:
-    """How much [mm] two neighbouring pixels of one surface may differ in depth.
-
-    One pixel of slope at the slant limit, plus two sigma of the noise of the difference, plus one step of the map's own
-    quantisation (coarse steps hide the noise).
-    """
-    known = depth[mask & (depth > 0.0)]
-    z = float(np.median(known)) if known.size else sensor.working_distance
-    slope = sensor.camera.mm_per_px(z) * np.tan(sensor.slant_limit)
-    return float(slope + DEPTH_SIGMAS * np.sqrt(2.0) * depth_noise(depth, mask) + _quantum(known))
-
-
-def _quantum(known: Float[np.ndarray, "pixels"]) -> float:
-    steps = np.diff(np.unique(known))
-    return float(steps.min()) if steps.size else 0.0
+def _links_cut(
+    edges: SceneEdges, cuts: Cuts, mask: Bool[np.ndarray, "height width"]
+) -> Bool[np.ndarray, "neighbours height width"] | None:
+    """Links that the parting edges cross; of these only the ones beside the mask are looked at."""
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    u, v = np.round(edges.uv).astype(int).T
+    part = parting(edges, cuts) & near[v, u]
+    return cut_links(edges.uv[part], edges.direction[part], mask.shape) if part.any() else None
 
 
 def _check_sizes(normals: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:
@@ -129,41 +111,6 @@ def _check_sizes(normals: np.ndarray, depth: np.ndarray | None, sensor: Sensor) 
         raise ItreeError(f"the depth map has shape {depth.shape}, the sensor's images {shape}")
     if sensor.region_of_interest is not None and sensor.region_of_interest.shape != shape:
         raise ItreeError(f"the region of interest has shape {sensor.region_of_interest.shape}, the images {shape}")
-
-
-def _connected(
-    mask: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None, sensor: Sensor
-) -> Int[np.ndarray, "height width"]:
-    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it."""
-    index = np.full(mask.shape, NO_REGION)
-    index[mask] = np.arange(mask.sum())
-    limit = np.inf if depth is None else depth_step_limit(depth, mask, sensor)
-    pairs = [_linked(index, depth, rows, columns, limit) for rows, columns in NEIGHBOURS]
-    i, j = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(mask.sum(), mask.sum()))
-    labels = np.full(mask.shape, NO_REGION)
-    labels[mask] = connected_components(graph, directed=False)[1] if mask.any() else 0
-    return labels
-
-
-def _linked(
-    index: Int[np.ndarray, "height width"],
-    depth: Float[np.ndarray, "height width"] | None,
-    rows: int,
-    columns: int,
-    limit: float,
-) -> Int[np.ndarray, "2 pairs"]:
-    """Pairs of neighbours that belong together: both in the mask, no step between (an unknown depth makes none)."""
-    height, width = index.shape
-    left, right = max(0, -columns), width - max(0, columns)
-    here = (slice(0, height - rows), slice(left, right))
-    there = (slice(rows, height), slice(left + columns, right + columns))
-    both = (index[here] >= 0) & (index[there] >= 0)
-    if depth is not None:
-        known = (depth[here] > 0.0) & (depth[there] > 0.0)
-        step = np.abs(depth[here].astype(np.float64) - depth[there])
-        both &= ~known | (step <= limit * np.hypot(rows, columns))
-    return np.stack([index[here][both], index[there][both]])
 
 
 def _least_pixels(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> float:

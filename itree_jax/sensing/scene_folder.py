@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from itree_jax.sensing.bundled import SMALLEST_REGION
 from itree_jax.sensing.image_file import IMAGE_SUFFIXES, read_image, read_intensity, undistorted
-from itree_jax.sensing.lights import checked_lights, slant_limit_of
+from itree_jax.sensing.lights import Lights, lights_of_entry, slant_limit_of
 from itree_jax.sensor import Noise, Sensor
 
 
@@ -83,25 +83,30 @@ def sensor_of_scene(folder: str | Path, im_id: int = 0) -> Sensor:
     """
     folder = Path(folder)
     camera = _camera(folder, im_id)
-    directions, intensities = _lights(folder, im_id)
+    working_distance = _working_distance(folder, im_id)
+    lights = _lights(folder, im_id, working_distance)
     return Sensor(
         camera=camera,
-        light_directions=directions,
-        light_intensities=intensities,
+        light_directions=lights.directions,
+        light_intensities=lights.intensities,
         noise=Noise(),
-        slant_limit=slant_limit_of(directions),
+        slant_limit=slant_limit_of(lights.directions),
         smallest_region=SMALLEST_REGION,
-        working_distance=_working_distance(folder, im_id),
+        working_distance=working_distance,
+        light_positions=lights.positions,
     )
 
 
 def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
-    directions, intensities = _lights(folder, im_id)
+    lights = _lights(folder, im_id, sensor.working_distance)
     camera = _camera(folder, im_id)
     size, sensor_size = (camera.width, camera.height), (sensor.camera.width, sensor.camera.height)
     if sensor.region_of_interest is not None and size != sensor_size:
         raise ItreeError(f"{folder}: images are {size} px, the sensor's region of interest is for {sensor_size} px")
-    return replace(sensor, camera=camera, light_directions=directions, light_intensities=intensities)
+    return replace(
+        sensor, camera=camera, light_directions=lights.directions, light_intensities=lights.intensities,
+        light_positions=lights.positions,
+    )  # fmt: skip
 
 
 def _load_image(path: Path, sensor: Sensor) -> Float[np.ndarray, "height width"]:
@@ -166,12 +171,9 @@ def _camera(folder: Path, im_id: int) -> Camera:
     return Camera(kind, K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item(), width, height)
 
 
-def _lights(folder: Path, im_id: int) -> tuple[np.ndarray, np.ndarray]:
+def _lights(folder: Path, im_id: int, working_distance: float) -> Lights:
     entry = _read_entry(folder, "scene_lights.json", im_id)
-    where = f"{folder / 'scene_lights.json'}: image {im_id}"
-    if "directions" not in entry:
-        raise ItreeError(f"{where}: the key 'directions' is missing")
-    return checked_lights(entry["directions"], entry.get("intensities"), where)
+    return lights_of_entry(entry, working_distance, f"{folder / 'scene_lights.json'}: image {im_id}")
 
 
 def _camera_pose(folder: Path, im_id: int) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from itree_jax.sensing.image_file import png_bytes
 from itree_jax.sensing.scene_folder import Scene
+from itree_jax.sensor import Sensor
 
 FULL_SCALE = 65535
 DEPTH_SCALE = 0.1  # [mm] per step: up to 6.5 m
@@ -104,7 +105,7 @@ def _contents(scene: Scene, truth: Sequence[TrueObject] | None, depth_scale: flo
 
 def _entries(scene: Scene, depth_scale: float) -> dict[str, Any]:
     """What the JSON files tell of one camera image, by file."""
-    return {"scene_camera.json": _camera_entry(scene, depth_scale), "scene_lights.json": _lights_entry(scene)}
+    return {"scene_camera.json": _camera_entry(scene, depth_scale), "scene_lights.json": lights_entry(scene.sensor)}
 
 
 def _truth_entries(truth: Sequence[TrueObject] | None) -> dict[str, Any]:
@@ -150,9 +151,11 @@ def _camera_entry(scene: Scene, depth_scale: float) -> dict[str, Any]:
     return entry
 
 
-def _lights_entry(scene: Scene) -> dict[str, Any]:
-    sensor = scene.sensor
-    return {"directions": sensor.light_directions.tolist(), "intensities": sensor.light_intensities.tolist()}
+def lights_entry(sensor: Sensor) -> dict[str, Any]:
+    """The JSON object of a sensor's lights: distant ones by direction, near ones by position."""
+    near = sensor.light_positions
+    place = {"directions": sensor.light_directions.tolist()} if near is None else {"positions_mm": near.tolist()}
+    return {**place, "intensities": sensor.light_intensities.tolist()}
 
 
 def _pose_entry(true: TrueObject) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
-from itree_jax.sensing.regions import depth_step_limit
+from itree_jax.sensing.depth_steps import depth_step_limit
 from itree_jax.sensor import Sensor
 
 

@@ -16,8 +16,9 @@ from jaxtyping import Bool
 from itree_jax.sensing.bundled import SLANT_LIMIT, SMALLEST_REGION, bundled_sensor
 from itree_jax.sensing.image_file import png_bytes, read_image
 from itree_jax.sensing.json_check import check_json
-from itree_jax.sensing.lights import checked_lights
+from itree_jax.sensing.lights import lights_of_entry
 from itree_jax.sensing.scene_folder import scene_folders, sensor_of_scene
+from itree_jax.sensing.scene_writer import lights_entry
 from itree_jax.sensor import Noise, Sensor
 
 SENSOR_SCHEMA: dict[str, Any] = json.loads(
@@ -40,10 +41,20 @@ def load_sensor(source: str | Path) -> Sensor:
         raise ItreeError(
             f"sensor '{source}' is neither a JSON file nor a scene folder nor bundled; try 'bundled:ikeuchi-1987'"
         )
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
+    return sensor_from_json(read_json(path), str(path), path.parent)
+
+
+def load_unlit_sensor(source: str | Path) -> Sensor:
+    """`load_sensor` of a source whose lights are still to be found: a JSON file may leave out "lights".
+
+    The three lights that the sensor then has stand for none. Raises `ItreeError` as `load_sensor` does.
+    """
+    path = Path(source)
+    if not path.is_file():
+        return load_sensor(source)
+    data = read_json(path)
+    if isinstance(data, dict):
+        data.setdefault("lights", {"directions": bundled_sensor("bench").light_directions.tolist()})
     return sensor_from_json(data, str(path), path.parent)
 
 
@@ -51,16 +62,17 @@ def sensor_from_json(data: Any, where: str, folder: Path | None = None) -> Senso
     """The sensor that `data` (see `SENSOR_SCHEMA`) describes. `where` names it in errors; a mask lies in `folder`."""
     check_json(data, SENSOR_SCHEMA, where)
     camera = _camera(data["camera"], where)
-    lights, response = data["lights"], data.get("response", "linear")
-    directions, intensities = checked_lights(lights["directions"], lights.get("intensities"), f"{where}: lights")
+    response, working_distance = data.get("response", "linear"), float(data["working_distance_mm"])
+    lights = lights_of_entry(data["lights"], working_distance, f"{where}: lights")
     return Sensor(
         camera=camera,
-        light_directions=directions,
-        light_intensities=intensities * _exposure(lights, len(directions), where),
+        light_directions=lights.directions,
+        light_intensities=lights.intensities * exposure_of(data["lights"], len(lights.directions), where),
+        light_positions=lights.positions,
         noise=Noise(**data.get("noise", {})),
         slant_limit=float(np.radians(data.get("slant_limit_deg", np.degrees(SLANT_LIMIT)))),
         smallest_region=float(data.get("smallest_region_mm2", SMALLEST_REGION)),
-        working_distance=float(data["working_distance_mm"]),
+        working_distance=working_distance,
         distortion=_distortion(data["camera"], camera, where),
         gamma=1.0 if response == "linear" else float(response["gamma"]),
         region_of_interest=_region_of_interest(data.get("region_of_interest"), camera, where, folder),
@@ -74,10 +86,7 @@ def sensor_to_json(sensor: Sensor) -> dict[str, Any]:
     camera = {"kind": c.kind, "matrix": [[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]]}
     data = {
         "camera": {**camera, "size": [c.width, c.height], "distortion": list(sensor.distortion)},
-        "lights": {
-            "directions": sensor.light_directions.tolist(),
-            "intensities": sensor.light_intensities.tolist(),
-        },
+        "lights": lights_entry(sensor),
         "response": "linear" if sensor.gamma == 1.0 else {"gamma": sensor.gamma},
         "noise": asdict(sensor.noise),
         "slant_limit_deg": float(np.degrees(sensor.slant_limit)),
@@ -95,8 +104,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
         data["region_of_interest"] = _rectangle(sensor.region_of_interest) or f"{path.stem}.mask.png"
         if isinstance(data["region_of_interest"], str):
             mask = sensor.region_of_interest.astype(np.uint8) * 255
-            _replace(path.with_name(data["region_of_interest"]), png_bytes(mask))
-    _replace(path, (json.dumps(data, indent=2) + "\n").encode())
+            replace_file(path.with_name(data["region_of_interest"]), png_bytes(mask))
+    replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
 
 
 def fingerprint(sensor: Sensor) -> str:
@@ -111,6 +120,14 @@ def fingerprint(sensor: Sensor) -> str:
         "smallest_region": round(sensor.smallest_region, 6),
     }
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds. Raises `ItreeError` if it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
 
 
 def _camera(data: dict[str, Any], where: str) -> Camera:
@@ -139,7 +156,7 @@ def _distortion(data: dict[str, Any], camera: Camera, where: str) -> tuple[float
     return values
 
 
-def _exposure(lights: dict[str, Any], count: int, where: str) -> np.ndarray:
+def exposure_of(lights: dict[str, Any], count: int, where: str) -> np.ndarray:
     exposure = np.asarray(lights.get("exposure", 1.0), dtype=np.float64)
     if exposure.shape not in ((), (count,)):
         raise ItreeError(f"{where}: 'lights.exposure' has {exposure.size} values for {count} lights")
@@ -175,7 +192,7 @@ def _rectangle(mask: Bool[np.ndarray, "height width"]) -> list[int] | None:
     return [x, y, w, h] if mask.sum() == w * h else None
 
 
-def _replace(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write whole or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

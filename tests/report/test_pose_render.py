@@ -76,7 +76,8 @@ def flat(normal=(0.0, 0.0, -1.0)) -> tuple[RenderedPose, NeedleMap]:
     normals = np.broadcast_to(n, (1, 7, 3)).copy()
     pose = RenderedPose(0, 0, 1.0, np.zeros((1, 7), int), np.full((1, 7), 100.0), normals)
     zero, one = np.zeros((1, 7)), np.ones((1, 7), bool)
-    return pose, NeedleMap(normals.copy(), zero + 0.5, one, one[None] & False, one[None] & False, zero + 1, zero)
+    none = one[None] & False
+    return pose, NeedleMap(normals.copy(), zero + 0.5, one, none, none, zero + 1, zero, zero, zero[None], none)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, -1), (1, 0, -1), (3, 0, -0.1)])

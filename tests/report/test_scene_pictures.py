@@ -124,7 +124,7 @@ def test_needles_point_where_the_surface_faces():
     normals, zero = np.broadcast_to(n, (64, 64, 3)), np.zeros((64, 64))
     known = np.zeros((64, 64), bool)
     known[:, 20:24] = True
-    needle = NeedleMap(normals, zero, known, known[None], known[None], zero, zero)
+    needle = NeedleMap(normals, zero, known, known[None], known[None], zero, zero, zero, zero[None], known[None])
     picture = needle_lines(np.zeros((64, 64, 3), np.uint8), needle, 4.0)
     columns = np.flatnonzero(picture.any(axis=(0, 2)))
     assert columns.min() >= 4 * 20 - 4

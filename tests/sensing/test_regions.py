@@ -9,8 +9,9 @@ from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 
 from itree_jax.sensing.bundled import bundled_sensor
+from itree_jax.sensing.depth_steps import depth_noise, depth_step_limit
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.regions import NO_REGION, depth_noise, depth_step_limit, regions
+from itree_jax.sensing.regions import NO_REGION, regions
 
 SIZE = 60
 UPWARD = np.array([0.0, 0.0, -1.0])
@@ -20,7 +21,7 @@ def needles(interpretable, normals=UPWARD):
     shape = interpretable.shape
     normals = np.where(interpretable[..., None], np.broadcast_to(normals, (*shape, 3)), 0.0).astype(np.float32)
     none, one = np.zeros((3, *shape), bool), interpretable.astype(np.float32)
-    return NeedleMap(normals, 0.5 * one, interpretable, none, none, one, 0.0 * one)
+    return NeedleMap(normals, 0.5 * one, interpretable, none, none, one, 0.0 * one, 0.0 * one, 0.0 * none, none)
 
 
 def orthographic(smallest_region=0.0, px_per_mm=2.0, **changes):

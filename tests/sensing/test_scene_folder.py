@@ -223,3 +223,16 @@ def test_values_above_the_stated_bit_depth_are_refused(tmp_path):
     write_scene(tmp_path / "000000", scene)
     with pytest.raises(ItreeError, match="above full scale of 12 bits"):
         load_scene(tmp_path / "000000", sensor=replace(scene.sensor, bit_depth=12))
+
+
+def test_near_lights_come_back_from_the_folder(tmp_path):
+    scene = make_scene()
+    positions = np.array([[0.0, -300, 100], [-300.0, 200, 100], [300.0, 200, 100]])
+    write_scene(tmp_path / "000000", replace(scene, sensor=replace(scene.sensor, light_positions=positions)))
+    again = load_scene(tmp_path / "000000").sensor
+    np.testing.assert_array_equal(again.light_positions, positions)
+    to_light = positions - [0.0, 0.0, again.working_distance]
+    to_light /= np.linalg.norm(to_light, axis=1, keepdims=True)
+    np.testing.assert_allclose(again.light_directions, to_light, atol=1e-12)
+    with_response = load_scene(tmp_path / "000000", sensor=scene.sensor).sensor
+    np.testing.assert_array_equal(with_response.light_positions, positions)

@@ -15,6 +15,7 @@ from itree_jax.sensing.sensor_file import (
     SENSOR_SCHEMA,
     fingerprint,
     load_sensor,
+    load_unlit_sensor,
     save_sensor,
     sensor_from_json,
     sensor_to_json,
@@ -76,6 +77,36 @@ def test_save_and_load_give_every_field_back(shape, tmp_path):
     assert stored == ([201, 151, 199, 99] if shape == "rectangle" else "sensor.mask.png")
 
 
+NEAR = {"positions_mm": [[0, -300, 500], [-300, 200, 520], [300, 200, 480.5]], "intensities": [1.0, 0.9, 1.1]}
+
+
+def test_near_lights_have_positions_and_the_directions_on_the_axis(tmp_path):
+    data = {**BENCH, "lights": NEAR, "working_distance_mm": 900}
+    sensor = sensor_from_json(data, "x")
+    np.testing.assert_array_equal(sensor.light_positions, NEAR["positions_mm"])
+    np.testing.assert_array_equal(sensor.light_intensities, NEAR["intensities"])
+    np.testing.assert_allclose(sensor.light_directions[0], [0.0, -0.6, -0.8], atol=1e-15)
+    save_sensor(sensor, tmp_path / "near.json")
+    again = load_sensor(tmp_path / "near.json")
+    np.testing.assert_array_equal(again.light_positions, sensor.light_positions)
+    assert_same(again, sensor)
+    assert fingerprint(again) == fingerprint(replace(sensor, light_positions=None))
+
+
+def test_distant_lights_have_no_positions():
+    assert sensor_from_json(BENCH, "x").light_positions is None
+    assert "positions_mm" not in BENCH["lights"]
+
+
+def test_a_sensor_whose_lights_are_not_known_yet(tmp_path):
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({key: value for key, value in BENCH.items() if key != "lights"}))
+    assert load_unlit_sensor(path).camera == bundled_sensor("bench").camera
+    assert load_unlit_sensor("bundled:bench").camera == bundled_sensor("bench").camera
+    with pytest.raises(ItreeError, match="'lights' is missing"):
+        load_sensor(path)
+
+
 def test_exposure_is_folded_into_the_intensities():
     data = copy.deepcopy(BENCH)
     data["lights"] |= {"intensities": [1.0, 2.0, 3.0], "exposure": [1.0, 0.5, 2.0]}
@@ -119,6 +150,11 @@ WRONG = {
     "behind": (("lights", "directions"), [UP, LEFT, [0, 0, 1]], "light 2 is behind"),
     "duplicate": (("lights", "directions"), [UP, LEFT, LEFT], "condition number"),
     "coplanar": (("lights", "directions"), [UP, [0, 0, -1], [0, 0.5736, -0.8192]], "condition number"),
+    "both kinds": (("lights", "positions_mm"), [[0, 0, 1], [1, 0, 1], [0, 1, 1]], "both are there"),
+    "no lights": (("lights",), {"intensities": [1.0, 1.0, 1.0]}, "neither is there"),
+    "near behind": (("lights",), {"positions_mm": [[0, 9, 1], [9, 0, 1], [0, 0, 1e4]]}, "light 2 is behind"),
+    "near two": (("lights",), {"positions_mm": [[0, 9, 1], [9, 0, 1]]}, "'lights.positions_mm' must have at least 3"),
+    "near at the parts": (("lights",), {"positions_mm": [[0, 9, 1], [9, 0, 1], [0, 0, 900]]}, "must be a point"),
     "intensity count": (("lights", "intensities"), [1.0, 1.0], "3 light directions but intensities"),
     "dark light": (("lights", "intensities"), [1.0, 0.0, 1.0], r"'lights.intensities\[1\]' must be more than 0"),
     "exposure count": (("lights", "exposure"), [1.0, 1.0], "'lights.exposure' has 2 values for 3 lights"),

@@ -1,0 +1,111 @@
+"""`itree needle`: photometric stereo alone, images -> needle map."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from itree_kernels.errors import ItreeError
+
+from itree_jax.cli.outputs import check_folder, staged_folder
+from itree_jax.cli.runtime import start_jax
+from itree_jax.cli.terminal import output, progress, say
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from itree_jax.sensing.needle import NeedleMap
+    from itree_jax.sensing.needle_input import NeedleInput
+
+
+@dataclass(frozen=True)
+class Needle:
+    """Photometric stereo alone: surface normals and albedo from one image under each light.
+
+    Writes normals.npy (float32, unit, camera frame: x right, y down, z forward, NaN where none), albedo.npy,
+    uncertainty.npy (standard deviation [rad]), mask.png, normals.png (16 bit, red green blue = x y z, 0..65535 for
+    -1..1) and needles.png.
+    """
+
+    images: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="IMAGES")]
+    """Scene folder, or a folder with one image per light in the order of their numbers (or of its filenames.txt) and,
+    if only a part of them counts, a mask."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")]
+    """Folder to write."""
+    lights: Annotated[str | None, tyro.conf.arg(metavar="LIGHTS")] = None
+    """Lights or sensor JSON, scene folder, bundled:NAME, or folder with light_directions.txt in DiLiGenT's frame (x
+    right, y up, z to the viewer); none: IMAGES tells them."""
+    method: Annotated[Literal["robust", "least-squares"], tyro.conf.arg(metavar="robust|least-squares")] = "robust"
+    """Leave out shadows and highlights, or take every light at every pixel."""
+    channel: Literal["mean", "red", "green", "blue"] | None = None
+    """What to take of images with colour, which must be linear; none: colour is refused, unless IMAGES tells the
+    lights' colours."""
+    ambient: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None
+    """Image with every lamp off, to be subtracted."""
+    albedo_tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
+    """Leave out pixels whose albedo differs by more from the dominant one, for scenes of one material (robust only)."""
+    quiet: bool = False
+    """Show nothing but errors."""
+
+    def run(self) -> None:
+        """Raises ItreeError about images or lights; the folder is written whole or not at all."""
+        check_folder(self.output)
+        if self.albedo_tolerance is not None and (self.method != "robust" or not self.albedo_tolerance > 0.0):
+            raise ItreeError("--albedo-tolerance must be a positive share such as 0.2, and goes with --method robust")
+        with progress(self.quiet) as tell:
+            tell("loading", 0.0)
+            start_jax()
+            from itree_jax.sensing.needle_files import write_needle_map
+            from itree_jax.sensing.needle_input import load_needle_input
+
+            given = load_needle_input(self.images, self.lights, self.channel, self.ambient)
+            tell("photometric stereo", 0.3)
+            needle = self._solve(given)
+            with staged_folder(self.output) as stage:
+                there = write_needle_map(stage, needle, given.mask)
+                (stage / "needles.png").write_bytes(_drawn(given, needle, there))
+        if not self.quiet:
+            output().print(_table(given, needle, there))
+        say(f"{self.output}: normals, albedo, uncertainty, mask", self.quiet)
+
+    def _solve(self, given: "NeedleInput") -> "NeedleMap":
+        import numpy as np
+
+        from itree_jax.sensing.near_lights import lights_of
+        from itree_jax.sensing.needle import NeedleMap
+        from itree_jax.sensing.photometric import least_squares, needle_map
+
+        images = np.where(given.mask, given.images, np.float32(0.0))  # the dominant albedo is that inside
+        if self.method == "robust":
+            found = needle_map(images, given.sensor, given.depth, self.albedo_tolerance)
+        else:
+            found = least_squares(images, *lights_of(given.sensor, given.depth), given.sensor.noise)
+        return NeedleMap(*(np.asarray(a) for a in found))
+
+
+def _drawn(given: "NeedleInput", needle: "NeedleMap", there: object) -> bytes:
+    """Needles on the brightest of the images at each pixel."""
+    import numpy as np
+
+    from itree_jax.report.scene_pictures import displayed, needle_lines, white_level
+    from itree_jax.sensing.image_file import png_bytes
+
+    inside = given.images[:, given.mask]
+    white = white_level(inside[:, :, None]) if inside.size else 1.0
+    shown = needle._replace(interpretable=np.asarray(there))
+    return png_bytes(needle_lines(displayed(given.images.max(0), white), shown, 1.0))
+
+
+def _table(given: "NeedleInput", needle: "NeedleMap", there: object) -> "Table":
+    import numpy as np
+    from rich.table import Table
+
+    from itree_jax.sensing.needle_files import uncertainty
+
+    mask = np.asarray(there)
+    share = 100.0 * mask.sum() / max(int(given.mask.sum()), 1)
+    albedo = f"{np.median(needle.albedo[mask]):.3f}" if mask.any() else "-"
+    std = f"{np.degrees(np.median(uncertainty(needle)[mask])):.2f}" if mask.any() else "-"
+    table = Table("lights", "pixels asked for", "with a normal [%]", "median albedo", "median std [deg]")
+    table.add_row(str(len(given.images)), str(int(given.mask.sum())), f"{share:.1f}", albedo, std)
+    return table

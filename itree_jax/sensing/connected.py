@@ -1,0 +1,81 @@
+"""Connected pixels: neighbours hang together unless depth steps between them or an edge runs there."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from itree_jax.sensing.depth_steps import depth_step_limit
+from itree_jax.sensor import Sensor
+
+NO_REGION = -1
+NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows, columns: half of the eight, each pair once
+CLOSED = 2.0  # [px] along an edge to both sides of each of its points: points that are missing leave no way through
+
+
+def cut_links(
+    uv: Float[np.ndarray, "points 2"], direction: Float[np.ndarray, "points 2"], shape: tuple[int, int]
+) -> Bool[np.ndarray, "neighbours height width"]:
+    """The links, from each pixel to its neighbours in the order of `NEIGHBOURS`, that cross a line of edge points.
+
+    A link crosses at a point (u, v) [px] if its ends lie on both sides of the edge's line there and its middle no
+    farther along than `CLOSED`.
+    """
+    height, width = shape
+    reach = int(np.ceil(CLOSED))
+    cut = np.zeros((len(NEIGHBOURS), height + 2 * reach, width + 2 * reach), bool)  # framed: no index is outside
+    base = np.round(uv).astype(int)
+    along = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
+    steps = range(-reach, reach + 1)
+    for row, column in ((r, c) for r in steps for c in steps):
+        here = base + np.array([column, row]) - uv
+        side, place = (here * direction).sum(axis=-1), (here * along).sum(axis=-1)
+        for k, (rows, columns) in enumerate(NEIGHBOURS):
+            other = side + columns * direction[:, 0] + rows * direction[:, 1]
+            middle = place + 0.5 * (columns * along[:, 0] + rows * along[:, 1])
+            crosses = ((side < 0.0) != (other < 0.0)) & (np.abs(middle) <= CLOSED)
+            u, v = (base[crosses] + np.array([column + reach, row + reach])).T
+            cut[k, v, u] = True
+    return cut[:, reach : reach + height, reach : reach + width]
+
+
+def connected(
+    mask: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None, sensor: Sensor,
+    cut: Bool[np.ndarray, "neighbours height width"] | None = None,
+) -> Int[np.ndarray, "height width"]:
+    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it."""
+    index = np.full(mask.shape, NO_REGION)
+    index[mask] = np.arange(mask.sum())
+    limit = np.inf if depth is None else depth_step_limit(depth, mask, sensor)
+    pairs = [
+        _linked(index, depth, rows, columns, limit, None if cut is None else cut[k])
+        for k, (rows, columns) in enumerate(NEIGHBOURS)
+    ]
+    i, j = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(mask.sum(), mask.sum()))
+    labels = np.full(mask.shape, NO_REGION)
+    labels[mask] = connected_components(graph, directed=False)[1] if mask.any() else 0
+    return labels
+
+
+def _linked(
+    index: Int[np.ndarray, "height width"],
+    depth: Float[np.ndarray, "height width"] | None,
+    rows: int,
+    columns: int,
+    limit: float,
+    cut: Bool[np.ndarray, "height width"] | None,
+) -> Int[np.ndarray, "2 pairs"]:
+    """Pairs of neighbours that belong together: both in the mask, no step between (an unknown depth makes none)."""
+    height, width = index.shape
+    left, right = max(0, -columns), width - max(0, columns)
+    here = (slice(0, height - rows), slice(left, right))
+    there = (slice(rows, height), slice(left + columns, right + columns))
+    both = (index[here] >= 0) & (index[there] >= 0)
+    if cut is not None:
+        both &= ~cut[here]
+    if depth is not None:
+        known = (depth[here] > 0.0) & (depth[there] > 0.0)
+        step = np.abs(depth[here].astype(np.float64) - depth[there])
+        both &= ~known | (step <= limit * np.hypot(rows, columns))
+    return np.stack([index[here][both], index[there][both]])

@@ -1,0 +1,119 @@
+"""Dual photometric stereo: depth from two cameras under the same lights (Ikeuchi 1987, sec. 3.1, reference 35).
+
+The paper's pair of needle maps gives depth to each region. Here regions come first too (`epipolar`), then every pixel:
+windows that lie along the surface found so far are matched to a fraction of a pixel, and needles carry depth from
+where there is texture (borders, creases, cast shadows, which both cameras see at the same place of the surface) to
+where there is none.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.reading import read_needles
+from itree_jax.sensor import Sensor
+from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
+from itree_jax.stereo.needle_surface import needle_slopes, surface
+from itree_jax.stereo.second_camera import EpipolarPair, SecondCamera, epipolar_pair, to_first_camera
+
+NEAREST, FARTHEST = 0.75, 1.05  # of the working distance: a bin is no deeper than a quarter of it, its floor no lower
+WINDOW = 9  # [px], along the surface
+MOST_DIFFERENT = 0.08  # of full scale, of one light
+COARSE_STD = 1.5  # [mm] of the block matcher's depths, as deviations of neighbours that share their windows
+PIECE_STD = 0.7  # [mm] of a piece's depth: a quarter of a pixel
+SHARPEST_STD, DULLEST_STD = 0.4, 20.0  # [mm] of a window's match
+AGREES = 4.0  # [mm] a pixel without a needle is known where the block matcher says the same: a pixel of disparity
+# What a trusted pixel's depth is off by, as a share of a pixel of disparity; neighbours share nearly all of it.
+MATCH_ERROR = 0.15
+
+
+@dataclass(frozen=True)
+class StereoDepth:
+    """Depth of the first camera's pixels."""
+
+    depth: Float[np.ndarray, "height width"]  # z [mm], 0 where it is not known
+    by_needles: Bool[np.ndarray, "height width"]  # of a matched piece; elsewhere matched by windows alone
+    std: float  # [mm] of a matched piece's depth at the working distance, shared by its pixels
+
+
+def dual_photometric_stereo(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera
+) -> StereoDepth:
+    """Depth from the images of two cameras (linear, 1.0 = full scale), one under each light.
+
+    Raises `ItreeError` as `epipolar_pair` does.
+    """
+    pair = epipolar_pair(images, sensor, second)
+    needle = read_needles(pair.left_stored, pair.sensor, None)
+    first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * sensor.working_distance)
+    coarse = block_matching(pair, int(np.floor(first)), int(np.ceil(last)))
+    depth, by_needles = _depth(pair, needle, coarse, (int(np.floor(first)), int(np.ceil(last))))
+    std = MATCH_ERROR * sensor.working_distance**2 / pair.focal_baseline
+    camera = sensor.camera
+    return StereoDepth(
+        to_first_camera(depth, pair, camera).astype(np.float32),
+        to_first_camera(by_needles.astype(np.float32), pair, camera) > 0.0, std,
+    )
+
+
+def _depth(
+    pair: EpipolarPair, needle: NeedleMap, coarse: Float[np.ndarray, "height width"], disparities: tuple[int, int]
+) -> tuple[Float[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
+    camera = pair.sensor.camera
+    interpretable = np.asarray(needle.interpretable)
+    normals = np.asarray(needle.normals, np.float64) * interpretable[..., None]
+    pieces = smooth_pieces(normals, interpretable)
+    slopes = needle_slopes(normals, np.asarray(needle.confidence), camera)
+    alone = needle_slopes(normals, (pieces >= 0).astype(float), camera)
+    level = np.where(coarse > 0.0, coarse, pair.sensor.working_distance)
+    shape = surface(alone, level, np.full(level.shape, 40.0 * COARSE_STD), camera, rounds=1)
+    found = match_pieces(pair, pieces, shape, coarse, disparities)
+    matched = np.where(found.trusted, found.depth, coarse)
+    z = surface(slopes, matched, np.where(found.trusted, PIECE_STD, COARSE_STD), camera)
+    for reach in (2.0, 1.0):
+        matched, deviation = match_windows(pair, z, reach, interpretable)
+        z = surface(slopes, matched, deviation, camera, start=z)
+    agrees = (coarse > 0.0) & (np.abs(coarse - z) < AGREES)
+    return np.where(found.trusted | agrees, z, 0.0), found.trusted
+
+
+def block_matching(pair: EpipolarPair, first: int, last: int) -> Float[np.ndarray, "height width"]:
+    """OpenCV's semi-global block matching on three lights at once: depth [mm] to a pixel of disparity, 0 = none."""
+    count = -(-(last - first + 1) // 16) * 16
+    chosen = np.linspace(0, len(pair.left) - 1, 3).round().astype(int)
+
+    def as_colours(images: np.ndarray) -> np.ndarray:
+        root = np.sqrt(np.clip(images[chosen], 0.0, 1.0))  # evens out shot noise, and lifts what shadows hold
+        return np.ascontiguousarray((255.0 * root).astype(np.uint8).transpose(1, 2, 0))
+
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=first, numDisparities=count, blockSize=3, P1=8 * 27, P2=64 * 27, disp12MaxDiff=1,
+        uniquenessRatio=3, speckleWindowSize=50, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_HH,
+    )
+    disparity = matcher.compute(as_colours(pair.left), as_colours(pair.right)).astype(np.float32) / 16.0
+    return np.where(disparity >= first, pair.depth(disparity), 0.0)
+
+
+def match_windows(
+    pair: EpipolarPair, z: Float[np.ndarray, "height width"], reach: float, interpretable: Bool[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
+    """Depth [mm] and its deviation [mm] from windows along the surface z, moved by up to `reach` [px] of disparity.
+
+    How sharply the difference of the views rises about its least tells the deviation: that of the median lit window is
+    a quarter of a pixel.
+    """
+    disparity = pair.disparity(z)
+    steps = np.linspace(-reach, reach, 17)
+    cost = np.stack([
+        cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW)) for step in steps
+    ])
+    place, _ = lowest_point(cost, steps)
+    k = np.clip(cost.argmin(axis=0), 1, len(steps) - 2)[None]
+    before, least, after = (np.take_along_axis(cost, k + step, axis=0)[0] for step in (-1, 0, 1))
+    bend = np.maximum(before + after - 2.0 * least, 1e-9) / (steps[1] - steps[0]) ** 2
+    usual = float(np.median(bend[interpretable])) if interpretable.any() else float(np.median(bend))
+    deviation = np.clip(np.sqrt(usual / bend), SHARPEST_STD, DULLEST_STD)
+    return pair.depth(disparity + place), deviation
