@@ -143,6 +143,9 @@ def test_nothing_to_go_by():
         self_calibrate([], scene.images, SENSOR, scene.depth)
     with pytest.raises(ItreeError, match="shows a pixel that a light reaches"):
         self_calibrate(placed(), np.ones_like(scene.images), SENSOR, scene.depth)
+    near = replace(SENSOR, light_positions=600.0 * SENSOR.light_directions + np.array([0.0, 0.0, 900.0]))
+    with pytest.raises(ItreeError, match="distant lights only"):
+        self_calibrate(placed(), scene.images, near, scene.depth)
 
 
 def test_pixels_compared_are_lit_unsaturated_and_inside_faces():
