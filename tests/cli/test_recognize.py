@@ -176,3 +176,46 @@ def test_evaluate_names_what_is_wrong(itree, bin_dataset, tmp_path):
     assert "row 2, column score" in ran.err
     ran = itree("evaluate", tmp_path / "missing", tmp_path / "r.csv", "--json")
     assert (ran.code, ran.out) == (2, "")
+
+
+def test_self_calibration_recognises_again_with_the_lights_that_the_parts_tell(
+    itree, scenes, paper_tree_file, answers, tmp_path, monkeypatch
+):
+    from itree_jax.refinement.self_calibration import SelfCalibration
+    from itree_jax.sensing.scene_folder import load_scene
+
+    told = load_scene(scenes / "000001").sensor
+    moved = replace(told, light_intensities=1.1 * told.light_intensities)
+    asked = []
+
+    def calibrated(found, trees, images, sensor, depth):
+        asked.append(len(found))
+        kept = len(asked) == 1
+        std = np.full(3, 0.01)
+        return SelfCalibration(
+            told, moved if kept else told, kept, moved.light_directions, moved.light_intensities, std, std, 0.2, 0.1,
+            (0.7,), (), 0.0, 0.005, 1000, (),
+        )  # fmt: skip
+
+    monkeypatch.setattr("itree_jax.refinement.self_calibration.calibrated_by_answers", calibrated)
+    words = ["--json", tmp_path / "r.json", "--self-calibrate"]
+    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", *words)
+    assert (ran.code, ran.err) == (0, "")
+    assert asked == [1, 1]
+    used = [sensor.light_intensities[0] for _, _, sensor in answers]
+    assert used == pytest.approx([1.0, 1.1, 1.0])  # the second scene's correction is not kept
+    first, second = json.loads((tmp_path / "r.json").read_text())["images"]
+    assert (first["lights"]["kept"], second["lights"]["kept"]) == (True, False)
+    assert first["time"] == 4.0
+    document = json.loads((tmp_path / "r.lights.json").read_text())
+    assert document["lights"]["intensities"] == pytest.approx([1.1] * 3)
+    assert set(document["scenes"]) == {"000001", "000002"}
+    assert "lights by scene 000001: light 0 0.00 deg +10.0 %" in ran.out
+    assert "not used" in ran.out
+
+    monkeypatch.setattr("itree_jax.refinement.self_calibration.calibrated_by_answers", lambda *_: None)
+    (tmp_path / "r.lights.json").unlink()
+    (tmp_path / "r.lights.json").mkdir()
+    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", *words)
+    assert ran.code == 2
+    assert "r.lights.json is a folder" in ran.err
