@@ -96,7 +96,8 @@ def observe_with_edges(
 ) -> ObservedMaps:
     """Prepares one image whose edges come from its intensities: outlines and creases, no shadows.
 
-    `shading`: see `ObservedMaps`. The depth of an edge is that of what is known nearest around it; 0, unknown, where nothing is.
+    `shading`: see `ObservedMaps`. The depth of an edge is that of what is known nearest around it; 0, unknown, where
+    nothing is.
     """
     edges = edges.of(EdgeLabel.OUTLINE, EdgeLabel.CREASE, EdgeLabel.GEOMETRIC)
     height, width = depth.shape
