@@ -2,7 +2,7 @@
 
 A surface that keeps its curvature over the window (a sphere, a cylinder, a plane) has a third derivative that follows
 from slope and second derivative: the covariant derivative of its second fundamental form is 0. For a graph f over axes
-e_1, e_2 along a line of sight d, with tangents t_i = e_i + f_i d, metric g_ij = t_i . t_j and c^l = g^lm (d . t_m), that
+e_1, e_2 along a line of sight d, with tangents t_i = e_i + f_i d, metric g_ij = t_i . t_j, c^l = g^lm (d . t_m), that
 says f_ijk = f_ij f_kl c^l + f_jk f_il c^l + f_ki f_jl c^l.
 """
 

@@ -1,8 +1,10 @@
 """Reading the needle map of a scene: photometric stereo, and the material's response where a depth map shows it."""
 
 import numpy as np
+from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+from itree_jax.sensing.depth_camera import needles_of_depth
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.material_response import apply_response, fit_response
 from itree_jax.sensing.needle import NeedleMap
@@ -14,11 +16,15 @@ from itree_jax.sensor import Sensor
 def read_needles(
     images: Float[np.ndarray, "lights height width"], sensor: Sensor, depth: Float[np.ndarray, "height width"] | None
 ) -> NeedleMap:
-    """The needle map of one image under each light, as NumPy arrays.
+    """The needle map of one image under each light, or of a depth camera's map, as NumPy arrays.
 
     A depth map [mm] (0 = none) tells normals too, coarsely but without a reflectance: what photometric stereo makes of
     the material is fitted to them (`material_response`), and used where that helps.
     """
+    if sensor.is_depth_camera:
+        if depth is None:
+            raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
+        return needles_of_depth(depth, sensor)
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
     if depth is None:
         return needle
