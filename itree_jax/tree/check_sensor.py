@@ -35,8 +35,8 @@ def _other_kind(compiled: Sensor) -> str:
     if compiled.is_depth_camera:
         return (
             "was compiled for a depth camera, and this scene has lights. Take a tree compiled for them (itree compile "
-            "MODEL --sensor SCENE -o TREE), or give the scene without lit/ and scene_lights.json, so that its depth map "
-            "is read as a depth camera's"
+            "MODEL --sensor SCENE -o TREE), or give the scene without lit/ and scene_lights.json, so that its depth "
+            "map is read as a depth camera's"
         )
     return (
         f"was compiled for {compiled.light_count} lights, and this scene is a depth camera's: it has no lit images. "
