@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,19 +21,16 @@ from itree_jax.refinement.hypotheses import (
     rough_share,
     turned_about_axes,
 )
-from itree_jax.refinement.observed import ObservedMaps, observe
 from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
-from itree_jax.refinement.schedule import Round, Schedule, depth_jump, schedule
+from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
 from itree_jax.refinement.solids import share_space
 from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, ask_root
-from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.reading import read_needles
-from itree_jax.sensing.regions import Regions, depth_noise, regions
-from itree_jax.sensing.segments import segment_centres
 from itree_jax.sensor import Sensor
+from itree_jax.sight import Sight, look
+from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.classify import classify
 from itree_jax.tree.determination_rules import Candidates
 from itree_jax.tree.determine import determine
@@ -45,23 +42,13 @@ BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, 
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 
 
-@dataclass(frozen=True)
-class Sight:
-    """What one image shows, whatever part is looked for."""
-
-    found: Regions
-    observed: ObservedMaps
-    segment_centre: Float[np.ndarray, "regions 3"]  # of the surface that hangs together with each region [mm]
-    noise: float  # of the depth map [mm]
-    sensor: Sensor
-
-
 def recognize(
     trees: InterpretationTree | Prepared | Forest | PreparedForest | Sequence[InterpretationTree | Prepared],
     images: Float[np.ndarray, "*batch lights height width"],
     sensor: Sensor,
     depth: Float[np.ndarray, "*batch height width"] | None = None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    second: SecondCamera | Sequence[SecondCamera] | None = None,
 ) -> Detections | list[Detections]:
     """Poses of the parts in the images.
 
@@ -71,20 +58,24 @@ def recognize(
         sensor: the camera and lights that took the images.
         depth: z [mm] per pixel, 0 = none.
         R_w2c: world (z up) to camera, for the order in which answers are offered: highest first.
+        second: what a second camera saw; where there is no depth map, depth comes from the two (one per image of a
+            batch).
 
     Returns finished results (the call blocks until they are there).
 
     Raises:
-        ItreeError: no depth map is given (recognition without one is not there yet), shapes don't fit the sensor, or
-            the trees make no forest (see `compile_forest`).
+        ItreeError: neither a depth map nor a second camera is given (one camera cannot tell how far a part is), shapes
+            don't fit the sensor, or the trees make no forest (see `compile_forest`).
     """
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
     if images.ndim == 4:
         depths = [None] * len(images) if depth is None else depth
-        return [recognize_one(forest, i, sensor, d, R_w2c) for i, d in zip(images, depths, strict=True)]
-    return recognize_one(forest, images, sensor, depth, R_w2c)
+        seconds = second if isinstance(second, Sequence) else [second] * len(images)
+        each = zip(images, depths, seconds, strict=True)
+        return [recognize_one(forest, i, sensor, d, R_w2c, other) for i, d, other in each]
+    return recognize_one(forest, images, sensor, depth, R_w2c, second[0] if isinstance(second, Sequence) else second)
 
 
 def as_forest(
@@ -104,19 +95,16 @@ def recognize_one(
     sensor: Sensor,
     depth: Float[np.ndarray, "height width"] | None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    second: SecondCamera | None = None,
 ) -> Detections:
     """One image under each light -> its detections. See `recognize`."""
     forest = as_forest(trees)
     start = time.perf_counter()
-    if depth is None:
-        raise ItreeError("recognition needs a depth map for now: give depth= (z in mm per pixel, 0 = none)")
-    depth = np.asarray(depth, np.float32)
-    needle = read_needles(images, sensor, depth)
-    found = regions(needle, depth, sensor, R_w2c)
+    sight = look(images, sensor, depth, R_w2c, second)
+    found = sight.found
     if not found.count:
         return Detections((), time.perf_counter() - start, labels=found.labels)
-    sight = look(found, needle, depth, sensor)
-    measured = {pitch: measure_regions(found, needle, images, sensor, pitch) for pitch in forest.pitches}
+    measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
     said = ask_root(forest, measured, found.count)
     answers = [
         interpret(prepared, part, np.flatnonzero(said.left[:, part]), measured[prepared.pitch], sight)
@@ -138,20 +126,11 @@ def recognize_one(
     )
 
 
-def look(found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor) -> Sight:
-    """What all parts are held against."""
-    noise = depth_noise(depth, depth > 0)
-    needles = np.asarray(needle.normals) * np.asarray(needle.interpretable)[..., None]
-    jump = depth_jump(sensor.camera, sensor.working_distance, noise)
-    observed = observe(needles, needle_weight(needle), depth, jump)
-    return Sight(found, observed, segment_centres(found.labels, depth, sensor), noise, sensor)
-
-
 def interpret(
     prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], measured: Measured, sight: Sight
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
-    tree, model, sensor, observed = prepared.tree, prepared.model, sight.sensor, sight.observed
+    tree, model, sensor = prepared.tree, prepared.model, sight.sensor
     features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * model.reach)
     classification = classify(features, prepared.classification)
     candidates = determine(
@@ -159,17 +138,17 @@ def interpret(
     )
     hypotheses = as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
-    plan = schedule(sensor, tree.part.diameter, sight.noise, tree.spacing)
-    hypotheses, equations = narrow(hypotheses, model, observed, sensor, plan.rounds, plan)
-    judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
+    plan = sight.plan(tree.part.diameter, tree.spacing)
+    hypotheses, equations = narrow(hypotheses, model, sight, plan.rounds, plan)
+    judged, selection = judge(hypotheses, prepared, sight, plan)
     accepted = hypotheses.take(selection.accepted)
     if len(accepted.region):
         turned = near_poses(accepted, prepared, sensor, plan.turned[0].stage.size)
-        turned, more = narrow(turned, model, observed, sensor, plan.turned, plan)
+        turned, more = narrow(turned, model, sight, plan.turned, plan)
         turned = turned._replace(region=accepted.region[turned.region])
         hypotheses = joined(hypotheses, turned)
         equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
-        judged, selection = judge(hypotheses, prepared, observed, sensor, plan)
+        judged, selection = judge(hypotheses, prepared, sight, plan)
     return Interpretation(prepared, part, asked, features, classification, hypotheses, equations, judged, selection)
 
 
@@ -189,12 +168,12 @@ def near_poses(
 
 
 def judge(
-    hypotheses: RegionHypotheses, prepared: Prepared, observed: ObservedMaps, sensor: Sensor, plan: Schedule
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> tuple[Judged, Selection]:
     """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
-    tolerances = plan.rounds[-1].tolerances
+    tolerances, sensor = plan.rounds[-1].tolerances, sight.sensor
     verdict, origin, stride = verify(
-        hypotheses.poses, prepared.model, observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump
     )
     least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
     judged = Judged(verdict, origin, stride, least)
@@ -221,11 +200,6 @@ def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list
     collide = collisions([(a.prepared, a.hypotheses) for a in answers])
     selections = select_jointly([a.judged for a in answers], image_shape, collide)
     return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
-
-
-def needle_weight(needle: NeedleMap) -> Float[np.ndarray, "height width"]:
-    """How far a needle is believed: interpretable, and of the albedo of the other parts' surfaces."""
-    return np.where(needle.interpretable, needle.confidence, 0.0).astype(np.float32)
 
 
 def as_hypotheses(
@@ -261,18 +235,18 @@ def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: S
 
 
 def narrow(
-    hypotheses: RegionHypotheses, model: RefineModel, observed: ObservedMaps, sensor: Sensor, rounds: Sequence[Round],
-    plan: Schedule,
+    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule
 ) -> tuple[RegionHypotheses, NormalEquations]:
     """Rounds of refining, verifying and keeping the best of every region."""
-    equations = None
+    equations, camera = None, sight.sensor.camera
     for step in rounds:
         poses, equations = refine(
-            hypotheses.poses, model, observed, sensor.camera, plan.deviations, [step.stage], plan.jump
+            hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
+            sight.crease,
         )
         hypotheses = hypotheses._replace(poses=poses)
         edges = plan.jump if step.stage.contour else None
-        verdict, _, _ = verify(poses, model, observed, sensor.camera, step.tolerances, step.stage.size, edges)
+        verdict, _, _ = verify(poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges)
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
         kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)

@@ -8,7 +8,10 @@ import numpy as np
 from itree_kernels.camera import Camera
 from jaxtyping import Array, Float, Int
 
+from itree_jax.sensing.edges import EdgeLabel, SceneEdges
+
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
+EDGE_DEPTH_REACH = 3  # [px]: an edge's own pixels mix two surfaces, and needles end there
 EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over so much (pixel steps are 90 degrees)
 
 
@@ -21,7 +24,7 @@ class ObservedMaps(NamedTuple):
     edge_label: Int[Array, "height2 width2"]  # nearest occluding edge point of each half pixel
     edge_uv: Float[Array, "edges 2"]  # [px]
     edge_normal: Float[Array, "edges 2"]  # unit, from the near to the far side
-    edge_depth: Float[Array, "edges"]  # z of the near side [mm]
+    edge_depth: Float[Array, "edges"]  # z of the near side [mm], 0 where unknown
 
 
 class CameraArrays(NamedTuple):
@@ -76,10 +79,34 @@ def observe(
     jump: float,
 ) -> ObservedMaps:
     """Prepares one image. `jump` [mm]: the least depth step that counts as an occluding edge."""
-    uv, direction, near = occluding_edges(depth, jump)
+    return _with_edges(normals, needle_weight, depth, *occluding_edges(depth, jump))
+
+
+def observe_with_edges(
+    normals: Float[np.ndarray, "height width 3"],
+    needle_weight: Float[np.ndarray, "height width"],
+    depth: Float[np.ndarray, "height width"],
+    edges: SceneEdges,
+) -> ObservedMaps:
+    """Prepares one image whose edges come from its intensities: outlines and creases, no shadows.
+
+    The depth of an edge is that of what is known nearest around it; 0, unknown, where nothing is.
+    """
+    edges = edges.of(EdgeLabel.OUTLINE, EdgeLabel.CREASE, EdgeLabel.GEOMETRIC)
+    height, width = depth.shape
+    u, v = np.clip(np.round(edges.uv).astype(int), 0, (width - 1, height - 1)).T
+    side = 2 * EDGE_DEPTH_REACH + 1
+    near = cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)).astype(np.float32), np.ones((side, side)))[v, u]
+    return _with_edges(normals, needle_weight, depth, edges.uv, edges.direction, np.where(np.isfinite(near), near, 0.0))
+
+
+def _with_edges(
+    normals: np.ndarray, needle_weight: np.ndarray, depth: np.ndarray, uv: Float[np.ndarray, "edges 2"],
+    direction: Float[np.ndarray, "edges 2"], near: Float[np.ndarray, "edges"],
+) -> ObservedMaps:
     height, width = depth.shape
     grid = np.full((2 * height, 2 * width), 255, np.uint8)
-    half = np.round(2 * uv).astype(int)
+    half = np.clip(np.round(2 * uv).astype(int), 0, (2 * width - 1, 2 * height - 1))
     grid[half[:, 1], half[:, 0]] = 0
     count = len(uv)
     size = max(1, -(-count // EDGE_TABLE)) * EDGE_TABLE

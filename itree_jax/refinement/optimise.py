@@ -45,6 +45,21 @@ def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array,
     return jnp.asarray(np.concatenate([normal_obj, np.zeros((extra, 3))]), jnp.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class OtherView:
+    """What another camera saw of the same scene."""
+
+    observed: ObservedMaps  # its needles in its own frame
+    camera: Camera
+    R_other_cam: Float[np.ndarray, "3 3"]  # X_other = R X_cam + t
+    t_other_cam: Float[np.ndarray, "3"]  # [mm]
+
+    def poses(self, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Poses in the frame of this camera."""
+        R_other, t_other = self.R_other_cam @ R, t @ self.R_other_cam.T + self.t_other_cam
+        return R_other.astype(np.float32), t_other.astype(np.float32)
+
+
 @dataclass(frozen=True)
 class Stage:
     """Some steps at one resolution. Gates are in [mm], [rad], [px] at the first and the last step."""
@@ -139,13 +154,42 @@ def gauss_newton_step(
     deviations: Deviations,
     stride: Int[Array, ""],
     size: int,
+    elsewhere: NormalEquations | None = None,
 ) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
-    """One step of every hypothesis, with the normal equations it was taken from."""
+    """One step of every hypothesis, with the normal equations it was taken from; `elsewhere`: of other cameras."""
 
-    def one(R, t, seen):
+    def one(R, t, seen, more):
         equations = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride)
+        if more is not None:
+            equations = NormalEquations(*(a + b for a, b in zip(equations, more, strict=True)))
         R, t = move(R, t, newton_twist(equations, reach))
         return R, t, equations
+
+    return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted, elsewhere)
+
+
+@partial(jax.jit, static_argnames=("size",))
+def equations_elsewhere(
+    R_cam_obj: Float[Array, "hypotheses 3 3"],
+    t_cam_obj: Float[Array, "hypotheses 3"],
+    predicted: Predicted,
+    R_other_cam: Float[Array, "3 3"],
+    observed: ObservedMaps,
+    normal_obj: Float[Array, "triangles 3"],
+    camera: CameraArrays,
+    deviations: Deviations,
+    stride: Int[Array, ""],
+    size: int,
+) -> NormalEquations:
+    """Normal equations of another camera, for twists in the frame of the first one. Poses are in the other's frame.
+
+    A twist is about the part's origin, so that from frame to frame it only turns.
+    """
+    turn = jnp.zeros((6, 6)).at[:3, :3].set(R_other_cam).at[3:, 3:].set(R_other_cam)
+
+    def one(R, t, seen):
+        there = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride)
+        return NormalEquations(turn.T @ there.hessian @ turn, turn.T @ there.gradient, there.cost)
 
     return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted)
 
@@ -167,11 +211,14 @@ def refine(
     deviations: Deviations,
     stages: Sequence[Stage],
     jump: float,
+    others: Sequence[OtherView] = (),
+    crease: float | None = None,
 ) -> tuple[Hypotheses, NormalEquations]:
-    """Refines every hypothesis against needle map, outline and depth.
+    """Refines every hypothesis against needle map, outline and depth, in all cameras jointly.
 
     Returns the poses and the last normal equations (their inverse Hessian is the covariance of the twist). `jump` [mm]
-    is the least depth step of an occluding contour.
+    is the least depth step of an occluding contour; `crease` [rad]: creases are contours too, as in
+    `correspondences`.
     """
     count = len(hypotheses.t_cam_obj)
     R, t = (np.asarray(a) for a in padded(hypotheses))
@@ -184,17 +231,44 @@ def refine(
         for step in range(stage.steps):
             origin = window_origins(camera, t, stage.size, stride)
             edges = jump if stage.contour else None
-            found = correspondences(model.mesh, R, t, camera, origin, stage.size, stride, model.reach, edges)
+            found = correspondences(
+                model.mesh, R, t, camera, origin, stage.size, stride, model.reach, edges, crease
+            )
             now = deviations._replace(
                 depth_gate=jnp.float32(ramp(stage.depth_gate, step, stage.steps)),
                 needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),
                 contour_gate=jnp.float32(ramp(stage.contour_gate, step, stage.steps)),
             )
+            more = [
+                _elsewhere(view, R, t, model, now, stage, stride, edges, crease) for view in others
+            ]
+            elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
             step_of = partial(
                 gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
                 deviations=now, stride=jnp.int32(stride), size=stage.size,
             )
-            R, t, equations = in_batches(step_of, R, t, as_predicted(found, origin))
+
+            def one_step(R, t, seen, more, step_of=step_of):
+                return step_of(R, t, seen, elsewhere=more)
+
+            R, t, equations = in_batches(one_step, R, t, as_predicted(found, origin), elsewhere)
     if equations is None:
         raise ValueError("refine needs at least one step")
     return Hypotheses(R[:count], t[:count]), NormalEquations(*(np.asarray(e)[:count] for e in equations))
+
+
+def _elsewhere(
+    view: OtherView, R: np.ndarray, t: np.ndarray, model: RefineModel, deviations: Deviations, stage: Stage,
+    stride: int, edges: float | None, crease: float | None,
+) -> NormalEquations:
+    R_other, t_other = view.poses(R, t)
+    origin = window_origins(view.camera, t_other, stage.size, stride)
+    found = correspondences(
+        model.mesh, R_other, t_other, view.camera, origin, stage.size, stride, model.reach, edges, crease
+    )
+    equations_of = partial(
+        equations_elsewhere, R_other_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
+        normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
+        stride=jnp.int32(stride), size=stage.size,
+    )
+    return in_batches(equations_of, R_other, t_other, as_predicted(found, origin))

@@ -153,7 +153,8 @@ def contour_equations(
     direction = observed.edge_normal[label]
     residual = jnp.sum(gap * direction, axis=-1)
     # an edge at another depth belongs to another part
-    deep = jnp.abs(observed.edge_depth[label] - z) < 2.0 * deviations.depth_gate
+    edge_depth = observed.edge_depth[label]
+    deep = (edge_depth <= 0) | (jnp.abs(edge_depth - z) < 2.0 * deviations.depth_gate)
     valid = inside & (z > 0) & deep
     robust = jnp.where(valid, tukey(jnp.sum(gap**2, axis=-1) / jnp.square(deviations.contour_gate)), 0.0)
     residual = jnp.where(valid, residual, 0.0)

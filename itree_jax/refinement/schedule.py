@@ -49,18 +49,25 @@ def depth_jump(camera: Camera, distance: float, noise: float) -> float:
     return camera.mm_per_px(distance) * float(np.tan(STEEPEST_SEEN)) + NOISE_SIGMAS * np.sqrt(2.0) * noise
 
 
-def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> Schedule:
-    """The rounds for a part of this diameter [mm], a depth map of this noise [mm], a dome of this spacing [rad]."""
+def schedule(
+    sensor: Sensor, diameter: float, noise: float, spacing: float, shared: float | None = None, edge: float = 0.0
+) -> Schedule:
+    """The rounds for a part of this diameter [mm], a depth map of this noise [mm], a dome of this spacing [rad].
+
+    `shared` [mm]: what neighbouring pixels' depths are off by together; None: a depth camera's share of its noise.
+    `edge` [px]: see `Tolerances`.
+    """
+    bias = DEPTH_BIAS * noise if shared is None else shared
     camera, distance = sensor.camera, sensor.working_distance
     pitch = camera.mm_per_px(distance)
     rim = diameter / 2.0
     jump = depth_jump(camera, distance, noise)
-    fine = 3.0 * noise + 0.5 * pitch
+    fine = 3.0 * float(np.hypot(noise, 0.0 if shared is None else shared)) + 0.5 * pitch
     start = max(2.0 * spacing * rim, 4.0 * fine)  # a hypothesis is off by a cell of the dome and its centroid's error
     middle = max(0.5 * spacing * rim, 3.0 * fine)
 
     def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
-        return Tolerances(jnp.float32(depth), jnp.float32(needle), jnp.float32(least_jump))
+        return Tolerances(jnp.float32(depth), jnp.float32(needle), jnp.float32(least_jump), jnp.float32(edge))
 
     rounds = (
         Round(
@@ -88,6 +95,6 @@ def schedule(sensor: Sensor, diameter: float, noise: float, spacing: float) -> S
         Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
         Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
     )
-    values = (max(noise, 0.1 * pitch), max(DEPTH_BIAS * noise, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
+    values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
     return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), jump, 96)

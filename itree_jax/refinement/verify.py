@@ -32,6 +32,8 @@ class Tolerances(NamedTuple):
     depth: Float[Array, ""]  # along the normal [mm]
     needle: Float[Array, ""]  # [rad]
     jump: Float[Array, ""]  # step between two surfaces [mm]
+    # [px] from an observed edge within which a contour counts as found; 0: where depth ends or isn't known, it is found
+    edge: Float[Array, ""] = np.float32(0.0)
 
 
 class Verdict(NamedTuple):
@@ -104,9 +106,22 @@ def contour_support(
     outer = depth_at(predicted.contour_uv + shift)
     # only where the contour itself is seen: inside of it the scene is at the pose's depth
     seen = (z > 0) & (inner > 0) & (jnp.abs(inner - z) < tolerances.jump)
+    steps = (outer > 0) & (jnp.abs(outer - inner) > 0.5 * tolerances.jump)
     # depth sensors lose the far side of a step: where nothing was measured outside, the surface has ended
-    ends = (outer <= 0) | (jnp.abs(outer - inner) > 0.5 * tolerances.jump)
+    by_depth = steps | (outer <= 0)
+    # depth from two cameras isn't known where no needle is: there an edge in the images has to tell
+    by_edge = steps | (edge_distance(predicted.contour_uv, observed) < tolerances.edge)
+    ends = jnp.where(tolerances.edge > 0, by_edge, by_depth)
     return jnp.sum((seen & ends).astype(jnp.float32)), jnp.sum((seen & ~ends).astype(jnp.float32))
+
+
+def edge_distance(uv: Float[Array, "*n 2"], observed: ObservedMaps) -> Float[Array, "*n"]:
+    """How far [px] the nearest observed edge point is; infinite outside of the image."""
+    height, width = observed.edge_label.shape
+    ij = jnp.round(2.0 * uv).astype(jnp.int32)
+    inside = (ij[..., 0] >= 0) & (ij[..., 0] < width) & (ij[..., 1] >= 0) & (ij[..., 1] < height)
+    label = observed.edge_label[jnp.clip(ij[..., 1], 0, height - 1), jnp.clip(ij[..., 0], 0, width - 1)]
+    return jnp.where(inside, jnp.linalg.norm(uv - observed.edge_uv[label], axis=-1), jnp.inf)
 
 
 @partial(jax.jit, static_argnames=("size",))

@@ -38,7 +38,7 @@ class Matched(NamedTuple):
 def smooth_pieces(
     normals: Float[np.ndarray, "height width 3"], interpretable: Bool[np.ndarray, "height width"]
 ) -> Int[np.ndarray, "height width"]:
-    """Label of the connected set of needles that turn little from neighbour to neighbour; -1 where none or too small."""
+    """Label of the connected set of needles that turn little from one to the next; -1 where none or too small."""
     index = np.arange(interpretable.size).reshape(interpretable.shape)
     pairs = []
     for a, b in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
@@ -94,8 +94,8 @@ def match_pieces(
 def views_differ(
     pair: EpipolarPair, disparity: Float[np.ndarray, "height width"], most: float
 ) -> Float[np.ndarray, "height width"]:
-    """Mean over the lights of how much the right view differs at these disparities [px], each light by `most` at most."""
-    v, u = np.indices(disparity.shape).astype(np.float32)
+    """Mean over the lights of how much the right view differs at these disparities [px], each by `most` at most."""
+    u, v = (np.indices(disparity.shape)[k].astype(np.float32) for k in (1, 0))
     there = (u - disparity).astype(np.float32)
     total = np.zeros(disparity.shape, np.float32)
     for left, right in zip(pair.left, pair.right, strict=True):

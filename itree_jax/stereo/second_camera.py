@@ -67,7 +67,9 @@ def epipolar_pair(
     else:
         size = (cameras[0].width, cameras[0].height)
         K = [_matrix(camera) for camera in cameras]
-        R_left, R_right, P_left, P_right = cv2.stereoRectify(K[0], None, K[1], None, size, R, t.reshape(3, 1))[:4]
+        R_left, R_right, P_left, P_right = cv2.stereoRectify(
+            K[0], np.zeros(5), K[1], np.zeros(5), size, R, t.reshape(3, 1)
+        )[:4]
         left = _turned(images, K[0], R_left, P_left, size)
         right = _turned(second.images, K[1], R_right, P_right, size)
         fx, fy, cx, cy = P_left[0, 0], P_left[1, 1], P_left[0, 2], P_left[1, 2]
@@ -109,8 +111,8 @@ def _check(images: np.ndarray, sensor: Sensor, second: SecondCamera) -> None:
     distance = float(np.linalg.norm(second.t_second_first))
     if distance < LEAST_BASELINE * sensor.working_distance:
         raise ItreeError(
-            f"the two cameras stand {distance:.1f} mm apart, too close for parts {sensor.working_distance:.0f} mm away; "
-            f"at least {LEAST_BASELINE * sensor.working_distance:.0f} mm are needed"
+            f"the two cameras stand {distance:.1f} mm apart, too close for parts {sensor.working_distance:.0f} mm "
+            f"away; at least {LEAST_BASELINE * sensor.working_distance:.0f} mm are needed"
         )
 
 

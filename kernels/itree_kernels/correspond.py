@@ -88,6 +88,7 @@ def contour_kernel(
     stride: float,
     jump: float,
     bisections: int,
+    crease: float,
     first: int,
     depth: wp.array3d(dtype=float),
     triangle: wp.array3d(dtype=int),
@@ -126,6 +127,24 @@ def contour_kernel(
         if not near_is_a:
             gap = -gap
         if gap > -jump or wp.abs(za - zb) < jump:
+            if wp.dot(normal_obj[a], normal_obj[b]) >= crease:
+                return
+            # one surface that turns: its crease is where the normal changes sides
+            for _ in range(bisections):
+                middle = 0.5 * (ua + ub)
+                tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
+                if tri < 0 or wp.abs(z - za) > wp.abs(za - zb) + jump:
+                    return
+                if wp.dot(normal_obj[tri], normal_obj[a]) > wp.dot(normal_obj[tri], normal_obj[b]):
+                    a = tri
+                    ua = middle
+                    za = z
+                else:
+                    b = tri
+                    ub = middle
+            if wp.dot(normal_obj[a], normal_obj[b]) < crease:
+                contour_uv_out[h, side, i, j] = 0.5 * (ua + ub)
+                contour_depth_out[h, side, i, j] = za
             return
     inside = wp.where(near_is_a, ua, ub)
     outside = wp.where(near_is_a, ub, ua)
@@ -162,11 +181,13 @@ def correspondences(
     stride: int,
     reach: float,
     jump: float | None = None,
+    crease: float | None = None,
 ) -> Correspondences:
     """Casts the rays of every hypothesis's window.
 
     `reach` [mm]: no point of the part is farther than this from its origin. `jump` [mm]: the least step between two
-    surfaces that counts as an occluding contour; None leaves contours out.
+    surfaces that counts as an occluding contour; None leaves contours out. `crease` [rad]: where the surface turns by
+    more from one triangle to the next, its crease is a contour point too; None: occluding contours alone.
     """
     count = len(R_cam_obj)
     device = mesh.device
@@ -191,12 +212,13 @@ def correspondences(
     z = wp.zeros((count, 2, size, size), dtype=float, device=device)
 
     # half of the last interval is the error: the middle is taken
+    sharpest = -2.0 if crease is None else float(np.cos(crease))
     bisections = max(2, int(np.ceil(np.log2(stride / (2.0 * CONTOUR_ERROR)))))
 
     def find_contours(first: int, last: int) -> None:
         wp.launch(contour_kernel, dim=(last - first, 2, size, size),
-                  inputs=[*common, float(jump), bisections, first, depth, triangle, mesh.normals_obj], outputs=[uv, z],
-                  device=device)
+                  inputs=[*common, float(jump), bisections, sharpest, first, depth, triangle, mesh.normals_obj],
+                  outputs=[uv, z], device=device)
 
     load_kernel(contour_kernel, device)
     launch_in_chunks(find_contours, count, rays_each=2 * size * size, device=device)

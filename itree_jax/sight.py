@@ -1,0 +1,103 @@
+"""What one image shows, whatever part is looked for: regions, needles, depth and edges, of one camera or of two."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
+from itree_jax.refinement.optimise import OtherView
+from itree_jax.refinement.schedule import Schedule, depth_jump, schedule
+from itree_jax.sensing.edges import scene_edges
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.reading import read_needles
+from itree_jax.sensing.regions import Regions, depth_noise, regions
+from itree_jax.sensing.segments import segment_centres
+from itree_jax.sensor import Sensor
+from itree_jax.stereo.dual_stereo import dual_photometric_stereo
+from itree_jax.stereo.second_camera import SecondCamera
+
+STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
+EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
+CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What one image shows, whatever part is looked for."""
+
+    found: Regions
+    needle: NeedleMap
+    observed: ObservedMaps
+    segment_centre: Float[np.ndarray, "regions 3"]  # of the surface that hangs together with each region [mm]
+    noise: float  # of the depth map [mm]
+    sensor: Sensor
+    shared: float | None = None  # [mm] what neighbours' depths are off by together; None: as a depth camera's are
+    others: tuple[OtherView, ...] = ()
+    edge_reach: float = 0.0  # [px] of contours' edges in the images; 0: contours end where depth does
+    crease: float | None = None  # [rad] from which on creases of the model are contours too
+
+    def plan(self, diameter: float, spacing: float) -> Schedule:
+        """The rounds of refinement for a part of this diameter [mm] and a dome of this spacing [rad]."""
+        return schedule(self.sensor, diameter, self.noise, spacing, self.shared, self.edge_reach)
+
+
+def look(
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    second: SecondCamera | None = None,
+) -> Sight:
+    """Looks at one image under each light, with a depth map [mm] (0 = none) or a second camera.
+
+    Raises `ItreeError` when there is neither, or as `dual_photometric_stereo` does.
+    """
+    if depth is None and second is None:
+        raise ItreeError(
+            "recognition needs depth: give depth= (z in mm per pixel, 0 = none), or second= (what a second camera saw)"
+        )
+    if depth is None:
+        assert second is not None
+        return look_with_two(images, sensor, second, R_w2c)
+    depth = np.asarray(depth, np.float32)
+    needle = read_needles(images, sensor, depth)
+    found = regions(needle, depth, sensor, R_w2c)
+    noise = depth_noise(depth, depth > 0)
+    observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
+    return Sight(found, needle, observed, segment_centres(found.labels, depth, sensor), noise, sensor)
+
+
+def look_with_two(
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    second: SecondCamera,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Sight:
+    """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
+
+    Depth where no needle leads is a block matcher's: good enough to see, too soft at steps to be held against a pose.
+    """
+    stereo = dual_photometric_stereo(images, sensor, second)
+    depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
+    needle = read_needles(images, sensor, None)
+    placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
+    found = regions(placed, depth, sensor, R_w2c)
+    observed = observe_with_edges(*believed(needle), depth, scene_edges(images, sensor, needle))
+    other = read_needles(second.images, second.sensor, None)
+    beside = observe_with_edges(
+        *believed(other), np.zeros(other.albedo.shape, np.float32), scene_edges(second.images, second.sensor, other)
+    )
+    view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
+    return Sight(
+        found, needle, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
+        shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, crease=CREASE,
+    )
+
+
+def believed(needle: NeedleMap) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:
+    """Needles, 0 where there are none, and how far each is believed: interpretable, bright as the material is."""
+    interpretable = np.asarray(needle.interpretable)
+    weight = np.where(interpretable, needle.confidence, 0.0).astype(np.float32)
+    return np.asarray(needle.normals) * interpretable[..., None], weight
