@@ -1,17 +1,18 @@
 """What a depth camera's noise does to the needles of a draw.
 
 A draw's window has pixels some times larger than the camera's, so that its needles cannot be fitted in it as
-`depth_needles` does in an image. They are drawn from the error of that fit instead: the slope of each pixel errs by
-what the noise does to a regression over the camera's window, and neighbours that share the window share the error.
-Near creases and on surfaces of small radius the real fit errs by more and loses a pixel or two of the camera, which is
-less than one of a draw: `experiments/depth_camera.py` measures both.
+`depth_needles` does in an image, and rendering it as fine as the camera sees it would cost ten times the rays. The
+truth is smooth where the noise isn't: so the noise alone is drawn on the camera's pixels, and what a plane fitted to it
+slopes by is added to the true slopes. On a plane that is the error of `depth_needles`, correlations included. Near
+creases and on surfaces of small radius the real fit errs by more and loses a pixel or two of the camera, which is less
+than one of a draw: `experiments/depth_camera.py` measures both.
 """
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
-from itree_jax.sensing.depth_camera import depth_needle_deviation, depth_noise_of
+from itree_jax.sensing.depth_camera import depth_noise_of
 from itree_jax.sensing.depth_needles import RADIUS
 from itree_jax.sensor import Sensor
 
@@ -35,14 +36,19 @@ def depth_camera_needles(
 def slope_errors(
     shape: tuple[int, int, int], pitch: float, sensor: Sensor, rng: np.random.Generator
 ) -> Float[np.ndarray, "n s s 2"]:
-    """Errors [mm per mm] of the slopes along x and y, alike within the fit's window of (2 RADIUS + 1) camera pixels.
-
-    As a box of that width spreads, so does the Gaussian that smooths them.
+    """Errors [mm per mm] of the slopes along x and y: those of planes fitted to noise on the camera's pixels, taken
+    where the pixels of the windows lie. So neighbours are alike as far as their fits share pixels.
     """
-    deviation = depth_needle_deviation(depth_noise_of(sensor), sensor.mm_per_px) / np.sqrt(2.0)
-    spread = (2 * RADIUS + 1) * sensor.mm_per_px / np.sqrt(12.0) / pitch  # [px of the draw]
-    impulse = np.zeros(2 * int(np.ceil(4.0 * spread)) + 3)
-    impulse[len(impulse) // 2] = 1.0
-    kept = (gaussian_filter1d(impulse, spread, mode="constant") ** 2).sum()  # of white noise's variance, per axis
-    smooth = gaussian_filter(rng.normal(size=(*shape, 2)), (0.0, spread, spread, 0.0), mode="wrap")
-    return deviation * smooth / kept
+    count, size, _ = shape
+    steps = np.arange(-RADIUS, RADIUS + 1.0)
+    ramp = steps / (len(steps) * (steps**2).sum() * sensor.mm_per_px)  # sum of ramp times depth: the slope
+    ones = np.ones_like(steps)
+    at = RADIUS + np.rint(np.arange(size) * pitch / sensor.mm_per_px).astype(np.int64)
+    side = int(at[-1]) + RADIUS + 1
+    noise = depth_noise_of(sensor)
+    errors = np.empty((*shape, 2), np.float32)
+    for k in range(count):
+        jitter = noise * rng.standard_normal((side, side), dtype=np.float32)
+        for axis, (over_x, over_y) in enumerate(((ramp, ones), (ones, ramp))):
+            errors[k, ..., axis] = cv2.sepFilter2D(jitter, cv2.CV_32F, over_x, over_y)[np.ix_(at, at)]
+    return errors
