@@ -1,6 +1,6 @@
 """Compiles every model of a data set for its lights, recognises every scene, and prints the table per level and part.
 
-    python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR]
+    python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR] [--depth file|stereo|none]
 
 The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the command line, as a user would.
 """
@@ -25,6 +25,7 @@ COLUMNS = ("top_pick", "recall_5", "precision_5")
 class Config:
     dataset: Path = Path(os.environ.get("ITREE_DATA", Path(__file__).parents[2] / "shared" / "data")) / "scenes"
     out: Path = Path("out/evaluate_scenes")
+    depth: str = "file"
 
 
 def main(config: Config) -> None:
@@ -61,7 +62,7 @@ def recognise_part(config: Config, obj_id: int, folders: list[Path]) -> Path:
         link.unlink(missing_ok=True)
         link.symlink_to(folder.resolve(), target_is_directory=True)
     run("compile", model, "--sensor", folders[0], "-o", tree, "--obj-id", obj_id)
-    run("recognize", scenes, tree, "-o", csv)
+    run("recognize", scenes, tree, "-o", csv, "--depth", config.depth)
     return csv
 
 
@@ -99,4 +100,5 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dataset", type=Path, default=Config.dataset)
     parser.add_argument("--out", type=Path, default=Config.out)
+    parser.add_argument("--depth", choices=("file", "stereo", "none"), default=Config.depth)
     main(Config(**vars(parser.parse_args())))

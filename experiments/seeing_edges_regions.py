@@ -7,6 +7,8 @@ reported. It defaults to `scenes` in the folder that ITREE_DATA names and is lef
 
 Purity: share of the pixels of regions that belong to the region's main part, over regions whose main part is a part.
 Completeness: share of a part's detectable pixels in the largest region of which it is the main part; mean over parts.
+Reach: of the directions from a region's mass centre in which its boundary has a label, the share in which the part's
+surface within the slant limit, lit or not, goes on beyond it: there d(theta) is but a lower bound.
 "Truth" is what regions would be if every part's detectable pixels were cut out by their true instance.
 """
 
@@ -26,14 +28,16 @@ import numpy as np
 from itree_cad.bundled import BUNDLED_PARTS
 from seeing_truth import Seen, data_set, kind_at, simulated
 
-from itree_jax.sensing.boundaries import REACH, BoundaryLabel, boundary_labels
+from itree_jax.sensing.boundaries import REACH, Boundary, BoundaryLabel, boundary_labels
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges, scene_edges
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import needle_map
 from itree_jax.sensing.region_cuts import Cuts
-from itree_jax.sensing.regions import detectable, regions
+from itree_jax.sensing.regions import Regions, detectable, regions
 
 KINDS = ("outline", "crease", "shadow")
+DIRECTIONS = 64  # as d(theta) has
+GOES_ON = 2.5  # [px]: by more than the pixels that edges make uninterpretable
 SMALLEST_PART = 240  # [px], 60 mm^2 at the bench: a part that shows less has no region to be complete
 NOTHING = Cuts(outline=False, concave=False, geometric=False)
 CUTS = {
@@ -60,13 +64,14 @@ def main(config: Config) -> None:
     """Writes `report.json` and `table.md` into `config.out`, and prints the tables."""
     config.out.mkdir(parents=True, exist_ok=True)
     counts: dict[str, Any] = {"edges": defaultdict(_table), "boundaries": defaultdict(_wide)}
-    counts |= {"regions": {}, "times": {}}
+    counts |= {"reach": defaultdict(_reach), "regions": {}, "times": {}}
     for seen in scenes(config):
         measure(seen, counts)
     report = {
         "config": {k: str(v) for k, v in asdict(config).items()},
         "edges": {k: v.tolist() for k, v in counts["edges"].items()},
         "boundaries": {k: v.tolist() for k, v in counts["boundaries"].items()},
+        "reach": {k: v.tolist() for k, v in counts["reach"].items()},
         "regions": {k: summed(v) for k, v in counts["regions"].items()},
         "seconds": {k: float(np.median(v)) for k, v in counts["times"].items()},
     }
@@ -100,6 +105,7 @@ def measure(seen: Seen, counts: dict[str, Any]) -> None:
         start = time.perf_counter()
         boundary = boundary_labels(found, edges, seen.sensor)
         counts["times"].setdefault("boundary_labels", []).append(time.perf_counter() - start)
+        counts["reach"][f"{seen.group} | {known}"] += reach(found, boundary, seen)
         kind, _ = kind_at(seen.kinds, boundary.pixel[:, ::-1].astype(float), REACH)
         on_part = seen.instance[tuple(boundary.pixel.T)] < seen.parts
         np.add.at(counts["boundaries"][f"{seen.group} | {known}"], (kind[on_part], boundary.label[on_part]), 1)
@@ -121,6 +127,41 @@ def _table() -> np.ndarray:
 
 def _wide() -> np.ndarray:
     return np.zeros((len(KINDS) + 1, len(BoundaryLabel)), int)  # last row: no true edge there
+
+
+def _reach() -> np.ndarray:
+    return np.zeros((len(BoundaryLabel), 2), int)  # directions, and those in which the surface goes on
+
+
+def reach(found: Regions, boundary: Boundary, seen: Seen) -> np.ndarray:
+    """By label of the boundary: directions of regions of parts, and in how many the part's surface goes on."""
+    table = _reach()
+    for region in range(found.count):
+        own = found.mask(region)
+        part = np.bincount(seen.instance[own]).argmax()
+        if part == seen.parts:
+            continue
+        surface = cv2.connectedComponents((seen.facing & (seen.instance == part)).astype(np.uint8), connectivity=8)[1]
+        there = np.bincount(surface[own & (surface > 0)], minlength=1)
+        if there.sum() == 0:
+            continue
+        edge = boundary.of(region)
+        direction, distance = polar(edge.pixel, found.centroid_uv[region])
+        true_direction, true_distance = polar(np.argwhere(surface == there.argmax()), found.centroid_uv[region])
+        farthest = np.zeros(DIRECTIONS)
+        np.maximum.at(farthest, true_direction, true_distance)
+        for k in np.unique(direction):
+            mine = np.flatnonzero(direction == k)
+            last = mine[distance[mine].argmax()]
+            table[edge.label[last]] += (1, farthest[k] > distance[last] + GOES_ON)
+    return table
+
+
+def polar(pixel: np.ndarray, centre_uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the directions pixels (row, column) lie in, and how far from the centre [px]."""
+    x, y = pixel[:, 1] - centre_uv[0], pixel[:, 0] - centre_uv[1]
+    turn = np.arctan2(y, x) / (2.0 * np.pi)
+    return np.floor(turn * DIRECTIONS).astype(int) % DIRECTIONS, np.hypot(x, y)
 
 
 def true_regions(mask: np.ndarray, instance: np.ndarray) -> np.ndarray:
@@ -163,6 +204,10 @@ def as_markdown(report: dict[str, Any]) -> str:
     lines += ["", "| boundary pixels on parts | true kind | pixels | "
               + " | ".join(n.name.lower() for n in BoundaryLabel) + " |"]  # fmt: skip
     lines += confusion_rows(report["boundaries"], (*KINDS, "none"), len(BoundaryLabel))
+    lines += ["", "| d(theta) ends at | directions | surface goes on |", "|---|---|---|"]
+    for key, table in sorted(report["reach"].items()):
+        lines += [f"| {key.replace(' | ', ', ')}, {BoundaryLabel(k).name.lower()} | {n} | {100 * on / n:.0f} % |"
+                  for k, (n, on) in enumerate(table) if n]  # fmt: skip
     lines += ["", "| regions | cut by | regions of parts | purity | pure by 95 % | completeness |", "|" + "---|" * 6]
     for key, row in sorted(report["regions"].items(), key=lambda item: item[0].split(" | ")[:2]):
         group, known, name = key.split(" | ")

@@ -40,7 +40,8 @@ class Seen:
     depth: np.ndarray  # [h, w], with noise
     instance: np.ndarray  # [h, w]: the part, or `parts` for the bin and what is around it
     parts: int
-    kinds: np.ndarray | None  # [3, 2h, 2w] distance [px] to the nearest outline, crease, shadow, on half pixels
+    facing: np.ndarray  # [h, w] bool: the true surface is within the slant limit, lit or not
+    kinds: np.ndarray  # [3, 2h, 2w] distance [px] to the nearest outline, crease, shadow, on half pixels
 
 
 def simulated(names: tuple[str, ...], parts: int, bins: int, seed: int) -> Iterator[Seen]:
@@ -77,7 +78,8 @@ def _simulated_one(
     images = sensor_noise(images, noise.full_well_e, noise.read_noise_e, noise.bits, seed)
     jitter = np.random.default_rng(seed).normal(0.0, 0.3, maps.depth.shape)
     depth = np.where(maps.depth > 0, maps.depth + jitter, 0.0).astype(np.float32)
-    return Seen(name, group, sensor, images, depth, maps.instance.astype(int), parts, true_kinds(maps, sensor))
+    instance, facing, kinds = maps.instance.astype(int), true_facing(maps, sensor), true_kinds(maps, sensor)
+    return Seen(name, group, sensor, images, depth, instance, parts, facing, kinds)
 
 
 def data_set(dataset: Path) -> Iterator[Seen]:
@@ -97,8 +99,14 @@ def data_set(dataset: Path) -> Iterator[Seen]:
         maps = render_scene(meshes, [0] * parts, truth.pose.R, truth.pose.t, scene.sensor.camera,
                             scene.sensor.light_directions, scene.sensor.light_intensities, Material())  # fmt: skip
         lights = f"level {record['level']}, {record['lights']} lights"
-        yield Seen(folder.name, lights, scene.sensor, scene.images, scene.depth, instance, parts,
-                   true_kinds(maps, scene.sensor))  # fmt: skip
+        facing, kinds = true_facing(maps, scene.sensor), true_kinds(maps, scene.sensor)
+        yield Seen(folder.name, lights, scene.sensor, scene.images, scene.depth, instance, parts, facing, kinds)
+
+
+def true_facing(maps: LitScene, sensor: Sensor) -> np.ndarray:
+    v, u = np.mgrid[: maps.depth.shape[0], : maps.depth.shape[1]].astype(float)
+    toward_viewer = -sensor.camera.viewing_ray(np.stack([u, v], axis=-1))
+    return (maps.normal * toward_viewer).sum(-1) > np.cos(sensor.slant_limit)
 
 
 def true_kinds(maps: LitScene, sensor: Sensor) -> np.ndarray:

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from itree_jax.answers import Interpretation, best_reason, describe
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
+from itree_jax.recognised_response import responses_of_parts
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
     agreement,
@@ -27,7 +28,7 @@ from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
 from itree_jax.refinement.solids import share_space
 from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
-from itree_jax.root_answer import NO_PART, ask_root
+from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
@@ -59,13 +60,12 @@ def recognize(
         depth: z [mm] per pixel, 0 = none.
         R_w2c: world (z up) to camera, for the order in which answers are offered: highest first.
         second: what a second camera saw; where there is no depth map, depth comes from the two (one per image of a
-            batch).
+            batch). With neither, a part's size alone tells how far it is: see `Detection.translation_std`.
 
     Returns finished results (the call blocks until they are there).
 
     Raises:
-        ItreeError: neither a depth map nor a second camera is given (one camera cannot tell how far a part is), shapes
-            don't fit the sensor, or the trees make no forest (see `compile_forest`).
+        ItreeError: shapes don't fit the sensor, or the trees make no forest (see `compile_forest`).
     """
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
@@ -101,29 +101,41 @@ def recognize_one(
     forest = as_forest(trees)
     start = time.perf_counter()
     sight = look(images, sensor, depth, R_w2c, second)
+    answers, said = read_sight(forest, images, sight)
+    responses = responses_of_parts(answers, sight) if depth is None else None  # a depth map has told it already
+    if responses is not None:
+        sight = look(images, sensor, depth, R_w2c, second, responses)
+        answers, said = read_sight(forest, images, sight)
     found = sight.found
-    if not found.count:
-        return Detections((), time.perf_counter() - start, labels=found.labels)
-    measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
-    said = ask_root(forest, measured, found.count)
-    answers = [
-        interpret(prepared, part, np.flatnonzero(said.left[:, part]), measured[prepared.pitch], sight)
-        for part, prepared in enumerate(forest.trees) if said.left[:, part].any()
-    ]
-    answers = compete(answers, (sensor.camera.height, sensor.camera.width))
-    detections = describe(answers, found, forest.root, said)
+    detections = describe(answers, found, forest.root, said) if said is not None else ()
     recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
     unexplained = tuple(
         {
-            "region": r, "reason": best_reason(answers, r) if said.left[r].any() else NO_PART,
+            "region": r, "reason": best_reason(answers, r) if said is not None and said.left[r].any() else NO_PART,
             "height_mm": float(found.height[r]),
         }
         for r in range(found.count) if r not in recognised
     )
     return Detections(
         detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained,
-        interpretations=int(said.left.sum()),
+        interpretations=0 if said is None else int(said.left.sum()),
     )
+
+
+def read_sight(
+    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight
+) -> tuple[list[Interpretation], RootAnswer | None]:
+    """What each tree makes of the regions that the root leaves to it; None where there is no region."""
+    found, sensor = sight.found, sight.sensor
+    if not found.count:
+        return [], None
+    measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
+    said = ask_root(forest, measured, found.count)
+    answers = [
+        interpret(prepared, part, np.flatnonzero(said.left[:, part]), measured[prepared.pitch], sight)
+        for part, prepared in enumerate(forest.trees) if said.left[:, part].any()
+    ]
+    return compete(answers, (sensor.camera.height, sensor.camera.width)), said
 
 
 def interpret(
@@ -173,7 +185,8 @@ def judge(
     """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
     tolerances, sensor = plan.rounds[-1].tolerances, sight.sensor
     verdict, origin, stride = verify(
-        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump
+        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump,
+        sight.others,
     )
     least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
     judged = Judged(verdict, origin, stride, least)
@@ -246,7 +259,9 @@ def narrow(
         )
         hypotheses = hypotheses._replace(poses=poses)
         edges = plan.jump if step.stage.contour else None
-        verdict, _, _ = verify(poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges)
+        verdict, _, _ = verify(
+            poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others
+        )
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
         kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)

@@ -1,15 +1,17 @@
 """What one image shows, whatever part is looked for: regions, needles, depth and edges, of one camera or of two."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import Schedule, depth_jump, schedule
+from itree_jax.sensing.albedo import dominant_albedo
 from itree_jax.sensing.edges import scene_edges
+from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
@@ -20,6 +22,7 @@ from itree_jax.stereo.second_camera import SecondCamera
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
+DEPTH_UNKNOWN = 0.02  # of the working distance: parts lie on one another in a bin
 CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
 
 
@@ -36,6 +39,7 @@ class Sight:
     shared: float | None = None  # [mm] what neighbours' depths are off by together; None: as a depth camera's are
     others: tuple[OtherView, ...] = ()
     edge_reach: float = 0.0  # [px] of contours' edges in the images; 0: contours end where depth does
+    beside: tuple[NeedleMap, ...] = ()  # needle maps of the other cameras
     crease: float | None = None  # [rad] from which on creases of the model are contours too
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
@@ -49,20 +53,21 @@ def look(
     depth: Float[np.ndarray, "height width"] | None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
+    responses: Sequence[MaterialResponse | None] = (None, None),
 ) -> Sight:
-    """Looks at one image under each light, with a depth map [mm] (0 = none) or a second camera.
+    """Looks at one image under each light, with a depth map [mm] (0 = none), a second camera, or neither.
 
-    Raises `ItreeError` when there is neither, or as `dual_photometric_stereo` does.
+    `responses` of the material, as each camera sees it, if they are known.
+
+    Raises `ItreeError` as `dual_photometric_stereo` does.
     """
     if depth is None and second is None:
-        raise ItreeError(
-            "recognition needs depth: give depth= (z in mm per pixel, 0 = none), or second= (what a second camera saw)"
-        )
+        return look_with_one(images, sensor, R_w2c, responses[0])
     if depth is None:
         assert second is not None
-        return look_with_two(images, sensor, second, R_w2c)
+        return look_with_two(images, sensor, second, R_w2c, responses)
     depth = np.asarray(depth, np.float32)
-    needle = read_needles(images, sensor, depth)
+    needle = read_needles(images, sensor, depth, responses[0])
     found = regions(needle, depth, sensor, R_w2c)
     noise = depth_noise(depth, depth > 0)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
@@ -74,26 +79,61 @@ def look_with_two(
     sensor: Sensor,
     second: SecondCamera,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    responses: Sequence[MaterialResponse | None] = (None, None),
 ) -> Sight:
     """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
 
     Depth where no needle leads is a block matcher's: good enough to see, too soft at steps to be held against a pose.
     """
-    stereo = dual_photometric_stereo(images, sensor, second)
+    stereo = dual_photometric_stereo(images, sensor, second, responses[0])
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
-    needle = read_needles(images, sensor, None)
+    needle = read_needles(images, sensor, None, responses[0])
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
     found = regions(placed, depth, sensor, R_w2c)
-    observed = observe_with_edges(*believed(needle), depth, scene_edges(images, sensor, needle))
-    other = read_needles(second.images, second.sensor, None)
-    beside = observe_with_edges(
-        *believed(other), np.zeros(other.albedo.shape, np.float32), scene_edges(second.images, second.sensor, other)
-    )
+    observed = observe_images(images, sensor, needle, depth)
+    other = read_needles(second.images, second.sensor, None, responses[1])
+    beside = observe_images(second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32))
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
-        found, needle, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
-        shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, crease=CREASE,
+        found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
+        shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE,
     )
+
+
+def look_with_one(
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    response: MaterialResponse | None = None,
+) -> Sight:
+    """One camera and no depth: regions are taken to lie at the working distance until a pose says otherwise.
+
+    Under a pinhole the size of a part tells how far it is, from its outline's and creases' edges: 1 % of size is 1 % of
+    distance, so that half a pixel on the radius of a part 70 pixels wide is 13 mm at 900 mm. Under an orthographic
+    camera nothing tells, and nothing depends on it.
+    """
+    needle = read_needles(images, sensor, None, response)
+    edges = scene_edges(images, sensor, needle)
+    found = regions(needle, None, sensor, R_w2c, edges)
+    level = np.full(found.count, sensor.working_distance)
+    found = replace(found, mean_depth=level, height=np.zeros(found.count))  # nothing tells which one is higher
+    none = np.zeros(np.asarray(needle.albedo).shape, np.float32)
+    centres = sensor.camera.unproject(found.centroid_uv, level)
+    return Sight(
+        found, needle, observe_images(images, sensor, needle, none), centres, STEREO_NOISE, sensor,
+        shared=DEPTH_UNKNOWN * sensor.working_distance, edge_reach=EDGE_REACH, crease=CREASE,
+    )
+
+
+def observe_images(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap,
+    depth: Float[np.ndarray, "height width"],
+) -> ObservedMaps:
+    """What a camera's images show beside its needles: edges, and shading by the parts' albedo."""
+    albedo = float(dominant_albedo(needle)) or 1.0
+    shading = np.moveaxis(images / (albedo * sensor.light_intensities[:, None, None]), 0, -1)
+    edges = scene_edges(images, sensor, needle)
+    return observe_with_edges(*believed(needle), depth, edges, shading, sensor.light_directions)
 
 
 def believed(needle: NeedleMap) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:

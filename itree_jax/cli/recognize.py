@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from itree_jax.report import IndexEntry
     from itree_jax.sensing.scene_folder import Scene
     from itree_jax.sensor import Sensor
+    from itree_jax.stereo.second_camera import SecondCamera
 
     Forests = dict[tuple[int, ...], PreparedForest]
 
@@ -43,8 +44,9 @@ class Recognize:
     """Write everything about every answer, decision paths included, as JSON."""
     report: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Write a page per scene, and an index."""
-    depth: Literal["file", "stereo", "none"] = "file"
-    """Where the depth map comes from."""
+    depth: Literal["auto", "file", "stereo", "none"] = "auto"
+    """Where depth comes from: the folder's depth map; the second camera (two needle maps); nowhere, so that a part's
+    size alone tells how far it is; auto takes the first of these that there is."""
     self_calibrate: bool = False
     """Correct the lights by the parts found and recognise again with them; writes results.lights.json beside the
     csv."""
@@ -69,7 +71,7 @@ class Recognize:
             answers, entries, forests, lights = [], [], {}, {} if self.self_calibrate else None
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
-                scene, fitting, found = answer(folder, prepared, forests, self.quiet, lights)
+                scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting))
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
@@ -92,11 +94,6 @@ class Recognize:
         return self.output.with_name(f"{self.output.stem}.lights.json")
 
     def _check(self) -> None:
-        if self.depth != "file":
-            raise ItreeError(
-                f"--depth {self.depth} is not there yet: recognition needs the depth map of the scene (depth/ in its "
-                "folder) for now; leave --depth out"
-            )
         if not self.trees:
             raise ItreeError("no TREE is given; make one with `itree compile MODEL --sensor SENSOR -o TREE`")
         check_file(self.output)
@@ -106,7 +103,7 @@ class Recognize:
 
 
 def answer(
-    folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool,
+    folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool, depth: str = "auto",
     lights: "dict[str, SelfCalibration] | None" = None,
 ) -> "tuple[Scene, list[Prepared], Detections]":
     """A scene, the trees that fit its lights, and what they found in it; errors name the scene.
@@ -118,17 +115,32 @@ def answer(
     try:
         prepared += trees_for_more_lights(folder, prepared, quiet)
         scene, fitting = load_with_trees(folder, prepared)
-        found = recognize_scene(scene, forest_of(fitting, forests))
+        scene, second = with_depth_from(depth, scene, fitting[0].tree.sensor)
+        found = recognize_scene(scene, forest_of(fitting, forests), second)
         if lights is not None:
-            scene, found = recalibrated(scene, fitting, found, forests, lights)
+            scene, found = recalibrated(scene, fitting, found, forests, lights, second)
         return scene, fitting, found
     except ItreeError as error:
         raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
 
 
+def with_depth_from(source: str, scene: "Scene", sensor: "Sensor") -> "tuple[Scene, SecondCamera | None]":
+    """The scene with its depth map or without, and what its second camera saw if depth is to come from there."""
+    from itree_jax.stereo.second_file import load_second
+
+    if source == "file" and scene.depth is None:
+        raise ItreeError("there is no depth map (depth/) in the scene; try --depth stereo or --depth none.")
+    if source in ("auto", "file") and scene.depth is not None:
+        return scene, None
+    second = None if source == "none" else load_second(scene, sensor)
+    if source == "stereo" and second is None:
+        raise ItreeError("there is no second camera (scene_stereo.json) in the scene; try --depth none.")
+    return replace(scene, depth=None), second
+
+
 def recalibrated(
     scene: "Scene", fitting: "list[Prepared]", found: "Detections", forests: "Forests",
-    lights: "dict[str, SelfCalibration]",
+    lights: "dict[str, SelfCalibration]", second: "SecondCamera | None" = None,
 ) -> "tuple[Scene, Detections]":
     """The scene with corrected lights and what is found under them, if the correction is kept; else as they are.
     A depth camera has no lights to correct.
@@ -144,7 +156,9 @@ def recalibrated(
     lights[scene.folder.name if scene.folder else ""] = correction
     if correction.kept:
         scene = replace(scene, sensor=correction.sensor)
-        again = recognize_scene(scene, forest_of(fitting, forests))
+        if second is not None:
+            second = second.with_lights_of(scene.sensor)
+        again = recognize_scene(scene, forest_of(fitting, forests), second)
         found = replace(again, time=found.time + again.time)
     return scene, replace(found, lights=corrections_to_json(correction))
 
@@ -233,13 +247,13 @@ def forest_of(fitting: "list[Prepared]", forests: "Forests") -> "PreparedForest 
     return forests[key]
 
 
-def recognize_scene(scene: "Scene", prepared: "PreparedForest | Sequence[Prepared]") -> "Detections":
-    """The answers for a scene, under the scene's numbers."""
+def recognize_scene(
+    scene: "Scene", prepared: "PreparedForest | Sequence[Prepared]", second: "SecondCamera | None" = None
+) -> "Detections":
+    """The answers for a scene, under the scene's numbers. Depth is the scene's, or comes from a second camera."""
     from itree_jax.recognition import recognize_one
 
-    if scene.depth is None:
-        raise ItreeError("there is no depth map (depth/) in the scene, and recognition needs one for now.")
-    answer = recognize_one(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+    answer = recognize_one(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
     own = {"scene_id": scene.scene_id, "im_id": scene.im_id}
     return replace(answer, **own, detections=tuple(replace(d, **own) for d in answer))
 

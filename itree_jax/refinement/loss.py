@@ -92,5 +92,6 @@ def _window(
     believed = jnp.where(needle.interpretable, needle.confidence, 0.0)
     no_edge = jnp.zeros((0, 2))
     edges = jnp.zeros((0, 0), int), no_edge, no_edge, no_edge[:, 0]
-    maps = ObservedMaps(jnp.asarray(depth), jnp.asarray(needle.normals), believed, *edges)
+    no_shading = jnp.zeros((*believed.shape, 0)), jnp.zeros((0, 3))
+    maps = ObservedMaps(jnp.asarray(depth), jnp.asarray(needle.normals), believed, *edges, *no_shading)
     return look_up(maps, predicted.origin_uv, len(predicted.depth), stride)

@@ -22,6 +22,8 @@ EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
 EDGE_BIAS = 0.15  # [px] shared by a contour
 DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
 NOISE_SIGMAS = 4.0
+DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
+IMAGE_EDGE_GATE = 1.5  # [px]: three deviations; images have edges of textures and other parts a few pixels away
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ def schedule(
     `shared` [mm]: what neighbouring pixels' depths are off by together; None: a depth camera's share of its noise.
     `edge` [px]: see `Tolerances`.
     """
+    last_gate = DEPTH_EDGE_GATE if edge == 0.0 else IMAGE_EDGE_GATE
     bias = DEPTH_BIAS * noise if shared is None else shared
     camera, distance = sensor.camera, sensor.working_distance
     pitch = camera.mm_per_px(distance)
@@ -86,14 +89,14 @@ def schedule(
             tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
         ),
         Round(
-            Stage(8, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)),
+            Stage(8, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
             2,
             tolerances(fine, np.radians(20.0), jump),
         ),
     )
     turned = (
         Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
-        Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, 4.0)), 1, rounds[3].tolerances),
+        Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 1, rounds[3].tolerances),
     )
     values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)

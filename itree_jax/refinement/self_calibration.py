@@ -113,8 +113,10 @@ def self_calibrate(
     squares share reflected light and gloss, which the lights would follow; so it is not kept either where the patches
     are off by more than `MOST_BIAS`: such surfaces need another model before they can calibrate lights.
 
-    Raises ItreeError if no part shows a lit pixel, or no parts are given.
+    Raises ItreeError if no part shows a lit pixel, no parts are given, or the lights are near ones.
     """
+    if sensor.light_positions is not None:
+        raise ItreeError("self-calibration corrects distant lights only; calibrate near ones with `calibrate-lights`")
     if not parts:
         raise ItreeError("self-calibration needs at least one recognised part; recognise some, or calibrate the lights")
     terms = None if depth is None else pose_terms(np.asarray(depth, np.float32), sensor, parts[0].model.diameter)

@@ -1,5 +1,6 @@
 """Verification by rendering: which pixels agree with a pose, contradict it, or are hidden by something nearer."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.refinement.observed import ObservedMaps
 from itree_jax.refinement.optimise import (
     Hypotheses,
+    OtherView,
     RefineModel,
     as_predicted,
     in_batches,
@@ -23,6 +25,10 @@ from itree_jax.refinement.optimise import (
 from itree_jax.refinement.residuals import Predicted, look_up
 from itree_jax.sensing.needle import Array
 
+BLIND = 0.5  # what a pixel without depth counts: needles and shading are alike on any parallel face
+SAME_SHADING = 0.12  # of full albedo: 4 standard deviations of the 3 % that reflected light adds
+LIT_SHADING = 0.2  # of full albedo: what reflected light fills shadows with is less
+TOO_BRIGHT = 0.25  # of full albedo: beyond the 99 percentile of reflected light
 CONTOUR_STEP = 2.5  # [px] how far outside of its contour a pose is asked whether the surface goes on
 
 
@@ -56,6 +62,7 @@ def verify_one(
     """The verdict on one hypothesis at the pixels of its window."""
     window = look_up(observed, predicted.origin_uv, size, stride)
     hit = (predicted.triangle >= 0) & (window.depth > 0)
+    blind = (predicted.triangle >= 0) & (window.depth <= 0) & (tolerances.edge > 0)
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     gap = window.depth - predicted.depth
     across = gap * jnp.maximum(jnp.abs(normal[..., 2]), 0.2)
@@ -66,6 +73,9 @@ def verify_one(
     agree = near & (~needle | same)
     contradict = hit & ((across >= tolerances.depth) | (near & needle & ~same))
     hidden = hit & (across <= -tolerances.depth)
+    lit, too_bright = shading_support(normal, window.uv, observed)
+    alike = blind & ~too_bright & jnp.where(needle, same, lit)
+    unlike = blind & (too_bright | (needle & ~same))
 
     found, missed = contour_support(predicted, observed, tolerances, size)
 
@@ -74,10 +84,32 @@ def verify_one(
 
     turn = jnp.clip((1.0 - cosine) / (1.0 - jnp.cos(tolerances.needle)), 0.0, 1.0)
     close = 1.0 - 0.5 * jnp.square(jnp.clip(across / tolerances.depth, -1.0, 1.0)) - 0.5 * jnp.where(needle, turn, 0.5)
-    closeness = jnp.sum(jnp.where(agree, close, 0.0))
-    of_pixels = (total(agree), closeness, total(agree & needle), total(contradict), total(hidden))
-    values: Any = (*of_pixels, found, missed, agree)
+    closeness = jnp.sum(jnp.where(agree, close, 0.0)) + BLIND * jnp.sum(jnp.where(alike, 1.0 - 0.5 * turn, 0.0))
+    of_pixels = (
+        total(agree) + BLIND * total(alike), closeness, total(agree & needle) + BLIND * total(alike & needle),
+        total(contradict) + BLIND * total(unlike), total(hidden),
+    )
+    values: Any = (*of_pixels, found, missed, agree | alike)
     return Verdict(*values)
+
+
+def shading_support(
+    normal: Float[Array, "s s 3"], uv: Float[Array, "s s 2"], observed: ObservedMaps
+) -> tuple[Bool[Array, "s s"], Bool[Array, "s s"]]:
+    """Where two lights or more show what the pose's normal predicts, and where one shows more than it can.
+
+    A light that shows less may be in shadow there: it says nothing.
+    """
+    height, width, lights = observed.shading.shape
+    if lights == 0:
+        nothing = jnp.zeros(normal.shape[:2], bool)
+        return nothing, nothing
+    u, v = jnp.moveaxis(uv, -1, 0).astype(jnp.int32)
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    seen = observed.shading[jnp.clip(v, 0, height - 1), jnp.clip(u, 0, width - 1)]
+    expected = jnp.maximum(normal @ observed.light_directions.T, 0.0)
+    shown = (jnp.abs(seen - expected) < SAME_SHADING) & (expected > LIT_SHADING)
+    return inside & (shown.sum(-1) >= 2), inside & ((seen - expected).max(-1) > TOO_BRIGHT)
 
 
 def contour_support(
@@ -137,23 +169,35 @@ def verify_batch(
 
 def verify(
     hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps, camera: Camera, tolerances: Tolerances,
-    size: int, jump: float | None,
+    size: int, jump: float | None, others: Sequence[OtherView] = (),
 ) -> tuple[Verdict, Float[np.ndarray, "hypotheses 2"], int]:
     """Renders every hypothesis and compares. Returns the verdicts, window origins [px] and the stride [px].
 
-    Without a `jump` contours aren't looked for, and none is found or missed.
+    Without a `jump` contours aren't looked for, and none is found or missed. What other cameras say is added to the
+    counts; `explained` is of the first camera's pixels.
     """
     count = len(hypotheses.t_cam_obj)
     R, t = padded(hypotheses)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
+    verdict, origin = _verify_in(R, t, model, observed, camera, tolerances, size, stride, jump)
+    for view in others:
+        there, _ = _verify_in(*view.poses(R, t), model, view.observed, view.camera, tolerances, size, stride, jump)
+        counts = [here + other for here, other in zip(verdict[:-1], there[:-1], strict=True)]
+        verdict = Verdict(*counts, verdict.explained)
+    return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
+
+
+def _verify_in(
+    R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, observed: ObservedMaps,
+    camera: Camera, tolerances: Tolerances, size: int, stride: int, jump: float | None,
+) -> tuple[Verdict, Float[np.ndarray, "h 2"]]:
     origin = window_origins(camera, t, size, stride)
     found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach, jump)
     verdict_of = partial(
         verify_batch, observed=observed, normal_obj=model.normal_obj, tolerances=tolerances, size=size,
         stride=jnp.int32(stride),
     )
-    verdict = in_batches(verdict_of, R, as_predicted(found, origin))
-    return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
+    return in_batches(verdict_of, R, as_predicted(found, origin)), origin
 
 
 def visible_centres(

@@ -1,7 +1,8 @@
 """What the boundary of a region is made of: outline, crease, cast shadow, or needles that end without an edge.
 
-Only outlines and creases are the part's shape. Where a cast shadow, the image or the slant limit ends a region, its
-surface goes on, so that a distance from the mass centre to there (`features.outline`) is but the least it can be.
+Only outlines and creases are the part's shape. Where a cast shadow, the outline of something in front, the image or the
+slant limit ends a region, its surface goes on, so that a distance from the mass centre to there (`features.outline`) is
+but the least it can be: in simulated bins the face goes on beyond nine of ten shadows, and one of seven creases.
 """
 
 from enum import IntEnum
@@ -32,6 +33,7 @@ class BoundaryLabel(IntEnum):
     GEOMETRIC = 4  # outline or crease
     RIM = 5  # of the image or of the region of interest
     FADED = 6  # no edge: a curved surface turns away, or its needles end
+    HIDDEN = 7  # the outline of what lies in front; known where there is a depth map
 
 
 IS_SHAPE = (BoundaryLabel.OUTLINE, BoundaryLabel.CREASE, BoundaryLabel.GEOMETRIC)
@@ -76,6 +78,10 @@ def boundary_labels(found: Regions, edges: SceneEdges, sensor: Sensor) -> Bounda
         close = distance <= REACH
         edge[close] = nearest[close]
         label[close] = edges.label[nearest[close]]
+        aside = np.stack([columns, rows], axis=-1) - edges.uv[nearest]
+        behind = (aside * edges.direction[nearest]).sum(axis=-1) > 0.0
+        oriented = np.isfinite(found.mean_depth)[labels[rows, columns]]  # else outlines point to the darker side
+        label[(label == BoundaryLabel.OUTLINE) & behind & oriented] = BoundaryLabel.HIDDEN
     label[_beside_nothing(labels.shape, sensor)[rows, columns]] = BoundaryLabel.RIM
     return Boundary(np.stack([rows, columns], axis=-1), labels[rows, columns], label, edge)
 

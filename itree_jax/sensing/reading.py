@@ -1,4 +1,4 @@
-"""Reading the needle map of a scene: photometric stereo, and the material's response where a depth map shows it."""
+"""Reading the needle map of a scene: photometric stereo, and the response of the material where it is known."""
 
 import numpy as np
 from itree_kernels.errors import ItreeError
@@ -6,27 +6,42 @@ from jaxtyping import Float
 
 from itree_jax.sensing.depth_camera import needles_of_depth
 from itree_jax.sensing.depth_needles import depth_needles
-from itree_jax.sensing.material_response import apply_response, fit_response
+from itree_jax.sensing.depth_steps import depth_noise
+from itree_jax.sensing.material_response import MaterialResponse, apply_response, fit_response
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import needle_map
-from itree_jax.sensing.regions import depth_noise
 from itree_jax.sensor import Sensor
 
 
 def read_needles(
-    images: Float[np.ndarray, "lights height width"], sensor: Sensor, depth: Float[np.ndarray, "height width"] | None
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    response: MaterialResponse | None = None,
 ) -> NeedleMap:
     """The needle map of one image under each light, or of a depth camera's map, as NumPy arrays.
 
     A depth map [mm] (0 = none) tells normals too, coarsely but without a reflectance: what photometric stereo makes of
-    the material is fitted to them (`material_response`), and used where that helps.
+    the material is fitted to them (`material_response`), and used where that helps. A `response` that is known already
+    is used instead.
     """
     if sensor.is_depth_camera:
         if depth is None:
             raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
         return needles_of_depth(depth, sensor)
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
-    if depth is None:
+    needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
+    if response is None and depth is not None:
+        of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
+        response = fit_response(needle, of_depth.normals, of_depth.known)
+    return needle if response is None else apply_response(needle, response)
+
+
+def turned_back(
+    needle: NeedleMap, R_needle_camera: Float[np.ndarray, "3 3"], response: MaterialResponse | None
+) -> NeedleMap:
+    """A needle map in another frame than the response's camera: turned, read by the response, and turned again."""
+    if response is None:
         return needle
-    of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
-    return apply_response(needle, fit_response(needle, of_depth.normals, of_depth.known))
+    own = needle._replace(normals=np.asarray(needle.normals) @ R_needle_camera)
+    read = apply_response(own, response)
+    return read._replace(normals=np.asarray(read.normals) @ R_needle_camera.T)

@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.reading import read_needles
+from itree_jax.sensing.reading import read_needles, turned_back
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
 from itree_jax.stereo.needle_surface import needle_slopes, surface
@@ -40,14 +41,15 @@ class StereoDepth:
 
 
 def dual_photometric_stereo(
-    images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera,
+    response: MaterialResponse | None = None,
 ) -> StereoDepth:
     """Depth from the images of two cameras (linear, 1.0 = full scale), one under each light.
 
-    Raises `ItreeError` as `epipolar_pair` does.
+    `response`: of the material, as the first camera sees it. Raises `ItreeError` as `epipolar_pair` does.
     """
     pair = epipolar_pair(images, sensor, second)
-    needle = read_needles(pair.left_stored, pair.sensor, None)
+    needle = turned_back(read_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
     first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * sensor.working_distance)
     coarse = block_matching(pair, int(np.floor(first)), int(np.ceil(last)))
     depth, by_needles = _depth(pair, needle, coarse, (int(np.floor(first)), int(np.ceil(last))))

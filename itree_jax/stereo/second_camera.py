@@ -23,6 +23,12 @@ class SecondCamera:
     R_second_first: Float[np.ndarray, "3 3"]  # X_second = R X_first + t
     t_second_first: Float[np.ndarray, "3"]  # [mm]
 
+    def with_lights_of(self, first: Sensor) -> "SecondCamera":
+        """The same with the lights of the first camera's sensor, turned into this one's frame."""
+        directions = first.light_directions @ self.R_second_first.T
+        sensor = replace(self.sensor, light_directions=directions, light_intensities=first.light_intensities)
+        return replace(self, sensor=sensor)
+
 
 @dataclass(frozen=True, eq=False)
 class EpipolarPair:

@@ -39,7 +39,7 @@ def answers(monkeypatch):
     """Recognition that answers at once: one part, at the centre of the image."""
     seen = []
 
-    def recognize_one(prepared, images, sensor, depth, R_w2c):
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None):
         seen.append((prepared, images.shape, sensor))
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0]))
         return Detections((one,), time=2.0, labels=np.zeros((480, 640), np.int32))
@@ -104,7 +104,7 @@ def test_every_scene_is_answered_under_its_number(itree, scenes, paper_tree_file
     assert read_bop_csv(tmp_path / "r.csv").scene_id.tolist() == [2]
 
 
-@pytest.mark.parametrize("broken", ["depth", "lit/000000_01.png", "scene_lights.json"])
+@pytest.mark.parametrize("broken", ["lit/000000_01.png", "scene_lights.json"])
 def test_a_scene_that_fails_stops_everything_before_it_is_written(
     itree, scenes, paper_tree_file, answers, tmp_path, broken
 ):
@@ -121,12 +121,19 @@ def test_a_scene_that_fails_stops_everything_before_it_is_written(
     assert (tmp_path / "r.csv").read_text() == "old"
 
 
-@pytest.mark.parametrize("depth", ["stereo", "none"])
-def test_depth_from_elsewhere_is_not_there_yet(itree, scenes, paper_tree_file, tmp_path, depth):
-    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", "--depth", depth)
-    assert (ran.code, ran.out) == (2, "")
-    assert f"--depth {depth} is not there yet" in ran.err
-    assert not (tmp_path / "r.csv").exists()
+def test_depth_that_is_not_there_is_asked_for_elsewhere(itree, scenes, paper_tree_file, answers, tmp_path):
+    shutil.rmtree(scenes / "000002" / "depth")
+    for source, advice in (("file", "no depth map (depth/)"), ("stereo", "no second camera (scene_stereo.json)")):
+        ran = itree("recognize", scenes / "000002", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", source)
+        assert (ran.code, ran.out) == (2, "")
+        assert advice in ran.err
+        assert "--depth none" in ran.err
+        assert not (tmp_path / "r.csv").exists()
+    for source in ("none", "auto"):
+        ran = itree("recognize", scenes / "000002", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", source)
+        assert ran.code == 0
+    ran = itree("recognize", scenes / "000001", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", "stereo")
+    assert "no second camera" in ran.err
 
 
 def test_a_scene_under_other_lights_is_refused(itree, scenes, paper_tree_file, answers, tmp_path):
@@ -176,3 +183,46 @@ def test_evaluate_names_what_is_wrong(itree, bin_dataset, tmp_path):
     assert "row 2, column score" in ran.err
     ran = itree("evaluate", tmp_path / "missing", tmp_path / "r.csv", "--json")
     assert (ran.code, ran.out) == (2, "")
+
+
+def test_self_calibration_recognises_again_with_the_lights_that_the_parts_tell(
+    itree, scenes, paper_tree_file, answers, tmp_path, monkeypatch
+):
+    from itree_jax.refinement.self_calibration import SelfCalibration
+    from itree_jax.sensing.scene_folder import load_scene
+
+    told = load_scene(scenes / "000001").sensor
+    moved = replace(told, light_intensities=1.1 * told.light_intensities)
+    asked = []
+
+    def calibrated(found, trees, images, sensor, depth):
+        asked.append(len(found))
+        kept = len(asked) == 1
+        std = np.full(3, 0.01)
+        return SelfCalibration(
+            told, moved if kept else told, kept, moved.light_directions, moved.light_intensities, std, std, 0.2, 0.1,
+            (0.7,), (), 0.0, 0.005, 1000, (),
+        )  # fmt: skip
+
+    monkeypatch.setattr("itree_jax.refinement.self_calibration.calibrated_by_answers", calibrated)
+    words = ["--json", tmp_path / "r.json", "--self-calibrate"]
+    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", *words)
+    assert (ran.code, ran.err) == (0, "")
+    assert asked == [1, 1]
+    used = [sensor.light_intensities[0] for _, _, sensor in answers]
+    assert used == pytest.approx([1.0, 1.1, 1.0])  # the second scene's correction is not kept
+    first, second = json.loads((tmp_path / "r.json").read_text())["images"]
+    assert (first["lights"]["kept"], second["lights"]["kept"]) == (True, False)
+    assert first["time"] == 4.0
+    document = json.loads((tmp_path / "r.lights.json").read_text())
+    assert document["lights"]["intensities"] == pytest.approx([1.1] * 3)
+    assert set(document["scenes"]) == {"000001", "000002"}
+    assert "lights by scene 000001: light 0 0.00 deg +10.0 %" in ran.out
+    assert "not used" in ran.out
+
+    monkeypatch.setattr("itree_jax.refinement.self_calibration.calibrated_by_answers", lambda *_: None)
+    (tmp_path / "r.lights.json").unlink()
+    (tmp_path / "r.lights.json").mkdir()
+    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", *words)
+    assert ran.code == 2
+    assert "r.lights.json is a folder" in ran.err

@@ -19,11 +19,11 @@ def sensor_of(**changes):
     return replace(bundled_sensor("ikeuchi-1987"), camera=camera, **changes)
 
 
-def regions_of(labels) -> Regions:
+def regions_of(labels, depth=np.nan) -> Regions:
     n = int(labels.max()) + 1
     zero = np.zeros(n)
-    return Regions(labels.astype(np.int32), zero.astype(int), zero, np.zeros((n, 2)), np.zeros((n, 3)), zero, zero,
-                   np.zeros((n, 4), int))  # fmt: skip
+    uv, normal, box = np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n, 4), int)
+    return Regions(labels.astype(np.int32), zero.astype(int), zero, uv, normal, zero + depth, zero, box)
 
 
 def points(uv, label) -> SceneEdges:
@@ -107,6 +107,18 @@ def test_two_regions_that_touch_share_an_edge():
         assert inner.sum() == 20
         assert (own.label[inner] == BoundaryLabel.CREASE).all()
         assert own.is_shape.sum() >= 20
+
+
+@pytest.mark.parametrize(("depth", "label"), [(500.0, BoundaryLabel.HIDDEN), (np.nan, BoundaryLabel.OUTLINE)])
+def test_an_outline_is_the_shape_of_the_nearer_region_only(depth, label):
+    labels = np.full((SIZE, SIZE), NO_REGION)
+    labels[10:30, 10:20], labels[10:30, 20:30] = 0, 1
+    outline = points(np.stack([np.full(20, 19.5), np.arange(10, 30)], axis=1), EdgeLabel.OUTLINE)  # +x is far
+    boundary = boundary_labels(regions_of(labels, depth), outline, sensor_of())
+    near, far = boundary.of(0), boundary.of(1)
+    assert (near.label[near.pixel[:, 1] == 19] == BoundaryLabel.OUTLINE).all()
+    assert (far.label[far.pixel[:, 1] == 20] == label).all()
+    assert BoundaryLabel.HIDDEN not in IS_SHAPE
 
 
 def test_no_region_and_no_edge_have_none():
