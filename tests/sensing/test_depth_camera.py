@@ -8,6 +8,7 @@ import pytest
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 
+from itree_jax.cli.main import main as itree
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.depth_camera import (
     STEEPEST,
@@ -147,6 +148,15 @@ def test_a_scene_is_written_without_lights_and_read_back(tmp_path):
     assert load_scene(folder, sensor=SMALL).sensor.depth_noise == 0.3  # what a sensor states stands
     of_lights = load_scene(folder, sensor=bundled_sensor("bench")).sensor
     assert of_lights.depth_noise == sensor.depth_noise
+
+
+def test_the_command_writes_the_needle_map_of_a_scene(tmp_path):
+    write_scene(tmp_path / "000003", scene())
+    assert itree(["needle", str(tmp_path / "000003"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    normals = np.load(tmp_path / "out" / "normals.npy")
+    assert normals.shape == (HEIGHT, WIDTH, 3)
+    assert np.nanmedian(normals[..., 2]) < -0.99
+    assert (tmp_path / "out" / "needles.png").exists()
 
 
 def test_a_depth_map_without_noise_still_has_that_of_its_steps(tmp_path):
