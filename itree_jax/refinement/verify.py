@@ -142,9 +142,14 @@ def contour_support(
     # depth sensors lose the far side of a step: where nothing was measured outside, the surface has ended
     by_depth = steps | (outer <= 0)
     # depth from two cameras isn't known where no needle is: there an edge in the images has to tell
-    by_edge = steps | (edge_distance(predicted.contour_uv, observed) < tolerances.edge)
-    ends = jnp.where(tolerances.edge > 0, by_edge, by_depth)
-    return jnp.sum((seen & ends).astype(jnp.float32)), jnp.sum((seen & ~ends).astype(jnp.float32))
+    at_edge = edge_distance(predicted.contour_uv, observed) < tolerances.edge
+    ends = jnp.where(tolerances.edge > 0, steps | at_edge, by_depth)
+    blind = (z > 0) & (inner <= 0) & (tolerances.edge > 0)
+
+    def total(known: Bool[Array, "*n"], unknown: Bool[Array, "*n"]) -> Float[Array, ""]:
+        return jnp.sum(known.astype(jnp.float32)) + BLIND * jnp.sum(unknown.astype(jnp.float32))
+
+    return total(seen & ends, blind & at_edge), total(seen & ~ends, blind & ~at_edge)
 
 
 def edge_distance(uv: Float[Array, "*n 2"], observed: ObservedMaps) -> Float[Array, "*n"]:
