@@ -79,7 +79,10 @@ class Needle:
         from itree_jax.sensing.near_lights import lights_of
         from itree_jax.sensing.needle import NeedleMap
         from itree_jax.sensing.photometric import least_squares, needle_map
+        from itree_jax.sensing.reading import read_needles
 
+        if given.sensor.is_depth_camera:
+            return read_needles(given.images, given.sensor, given.depth)
         images = np.where(given.mask, given.images, np.float32(0.0))  # the dominant albedo is that inside
         if self.method == "robust":
             found = needle_map(images, given.sensor, given.depth, self.albedo_tolerance)
@@ -105,16 +108,18 @@ class Needle:
 
 
 def _drawn(given: "NeedleInput", needle: "NeedleMap", there: object) -> bytes:
-    """Needles on the brightest of the images at each pixel."""
+    """Needles on the brightest of the images at each pixel; of a depth camera, as a light beside it would show them."""
     import numpy as np
 
     from itree_jax.report.scene_pictures import displayed, needle_lines, white_level
+    from itree_jax.report.scene_view import head_light
     from itree_jax.sensing.image_file import png_bytes
 
-    inside = given.images[:, given.mask]
+    images = given.images if len(given.images) else head_light(needle)[None]
+    inside = images[:, given.mask]
     white = white_level(inside[:, :, None]) if inside.size else 1.0
     shown = needle._replace(interpretable=np.asarray(there))
-    return png_bytes(needle_lines(displayed(given.images.max(0), white), shown, 1.0))
+    return png_bytes(needle_lines(displayed(images.max(0), white), shown, 1.0))
 
 
 def _table(given: "NeedleInput", needle: "NeedleMap", there: object) -> "Table":

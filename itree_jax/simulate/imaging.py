@@ -13,6 +13,7 @@ from itree_kernels.noise import sensor_noise
 from itree_kernels.reflected import reflected_light
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.sensing.bundled import DEPTH_NOISE
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.sensing.scene_writer import TrueObject
 from itree_jax.sensor import Sensor
@@ -48,7 +49,7 @@ class ImageNoise:
     """What is added to ideal images and depth."""
 
     sensor: bool = True  # shot noise, read noise and quantisation as the sensor states them
-    depth: float = 0.3  # [mm] standard deviation
+    depth: float | None = None  # [mm] standard deviation; None: what a depth camera states, else `DEPTH_NOISE`
 
 
 def image_bin(
@@ -104,7 +105,9 @@ def image_mixed_bin(
     if noise.sensor:
         n = sensor.noise
         images = sensor_noise(images, n.full_well_e, n.read_noise_e, n.bits, light_seed)
-    jitter = np.random.default_rng(depth_seed).normal(0.0, noise.depth, lit.depth.shape)
+    of_sensor = DEPTH_NOISE if sensor.depth_noise is None else sensor.depth_noise
+    depth_std = of_sensor if noise.depth is None else noise.depth
+    jitter = np.random.default_rng(depth_seed).normal(0.0, depth_std, lit.depth.shape)
     depth = np.where(lit.depth > 0, lit.depth + jitter, 0.0).astype(np.float32)
     ideal = replace(sensor, distortion=(), gamma=1.0, bit_depth=None)
     scene = Scene(scene_id, im_id, images, depth, ideal, T_cam_bin[:3, :3], None, T_cam_bin[:3, 3])
