@@ -21,5 +21,5 @@ def response_of_sphere(
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor)))
     v, u = np.indices(images.shape[-2:])
     _, normals, _ = sphere.at(np.stack([u, v], axis=-1).astype(np.float64))
-    known = np.isfinite(normals).all(axis=-1)
+    known = np.isfinite(normals[..., 2])
     return fit_response(needle, np.where(known[..., None], normals, 0.0), known)
