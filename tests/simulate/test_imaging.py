@@ -16,6 +16,7 @@ from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.scene_folder import load_scene
 from itree_jax.simulate import Bin, ImageNoise, Look, bin_for, demo_bin, demo_scene, image_bin, simulate
 from itree_jax.simulate.bin import camera_above
+from itree_jax.stereo.second_file import load_second
 
 SMALL = replace(
     bundled_sensor("bench"), camera=Camera("pinhole", 300.0, 300.0, 59.5, 44.5, 120, 90), working_distance=500.0
@@ -146,6 +147,22 @@ def test_the_same_seed_gives_the_same_data_set(dataset, tmp_path):
     simulate(BOX, SMALL, 2, 2, tmp_path / "again", seed=5)
     for path in sorted(p for p in dataset.rglob("*") if p.is_file()):
         assert path.read_bytes() == (tmp_path / "again" / path.relative_to(dataset)).read_bytes(), path
+
+
+def test_a_second_camera_sees_the_same_bin_from_the_side(tmp_path):
+    simulate(BOX, SMALL, 1, 2, tmp_path / "two", seed=1, second_camera=60.0)
+    scene = load_scene(tmp_path / "two" / "test" / "000001")
+    second = load_second(scene)
+    assert second is not None
+    np.testing.assert_allclose(second.R_second_first, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(second.t_second_first, [-60.0, 0.0, 0.0], atol=1e-9)
+    alone = image_bin(BOX, lying(0, 0)[None], LOW_BIN, SMALL, noise=NOISELESS, seed=0)[0]
+    aside = image_bin(BOX, lying(0, 0)[None], LOW_BIN, SMALL, noise=NOISELESS, seed=0, aside=60.0, im_id=1)[0]
+    rows = np.flatnonzero((alone.depth == alone.depth[alone.depth > 0].min()).any(axis=1))
+    row = rows[len(rows) // 2]
+    shown = [np.flatnonzero(np.isclose(one.depth[row], alone.depth[row].min(), atol=0.01)) for one in (alone, aside)]
+    disparity = shown[0].mean() - shown[1].mean()
+    assert disparity == pytest.approx(300.0 * 60.0 / alone.depth[row].min(), abs=0.6)
 
 
 def test_a_folder_with_something_in_it_is_not_touched(dataset):
