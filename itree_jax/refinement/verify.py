@@ -39,7 +39,7 @@ class Tolerances(NamedTuple):
     needle: Float[Array, ""]  # [rad]
     jump: Float[Array, ""]  # step between two surfaces [mm]
     # [px] from an observed edge within which a contour counts as found; 0: where depth ends or isn't known, it is found
-    edge: Float[Array, ""] = np.float32(0.0)
+    edge: Float[Array, ""] = np.zeros((), np.float32)
 
 
 class Verdict(NamedTuple):
@@ -182,8 +182,8 @@ def verify(
     verdict, origin = _verify_in(R, t, model, observed, camera, tolerances, size, stride, jump)
     for view in others:
         there, _ = _verify_in(*view.poses(R, t), model, view.observed, view.camera, tolerances, size, stride, jump)
-        counts = [here + other for here, other in zip(verdict[:-1], there[:-1], strict=True)]
-        verdict = Verdict(*counts, verdict.explained)
+        both = Verdict(*(here + other for here, other in zip(verdict, there, strict=True)))
+        verdict = both._replace(explained=verdict.explained)
     return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
 
 

@@ -57,7 +57,7 @@ def _plane_fits(
     value: Float[np.ndarray, "height width"], there: Bool[np.ndarray, "height width"], radius: int
 ) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
     """Of the window around each pixel: a, b, c of value = a u + b v + c, rms residual, share of known pixels."""
-    v, u = (index.astype(np.float64) for index in np.indices(value.shape))
+    v, u = np.indices(value.shape).astype(np.float64)
     mask = there.astype(np.float64)
 
     def mean(field: np.ndarray) -> np.ndarray:

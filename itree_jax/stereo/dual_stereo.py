@@ -50,15 +50,20 @@ def dual_photometric_stereo(
     """
     pair = epipolar_pair(images, sensor, second)
     needle = turned_back(read_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
-    first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * sensor.working_distance)
-    coarse = block_matching(pair, int(np.floor(first)), int(np.ceil(last)))
-    depth, by_needles = _depth(pair, needle, coarse, (int(np.floor(first)), int(np.ceil(last))))
+    disparities = searched(pair)
+    depth, by_needles = _depth(pair, needle, block_matching(pair, *disparities), disparities)
     std = MATCH_ERROR * sensor.working_distance**2 / pair.focal_baseline
     camera = sensor.camera
     return StereoDepth(
         to_first_camera(depth, pair, camera).astype(np.float32),
         to_first_camera(by_needles.astype(np.float32), pair, camera) > 0.0, std,
     )
+
+
+def searched(pair: EpipolarPair) -> tuple[int, int]:
+    """First and last disparity [px] at which parts may lie."""
+    first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * pair.sensor.working_distance)
+    return int(np.floor(first)), int(np.ceil(last))
 
 
 def _depth(

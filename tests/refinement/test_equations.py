@@ -73,7 +73,7 @@ def random_case(camera: Camera, seed: int) -> Case:
     edges = 7
     observed = ObservedMaps(
         image_depth, normals, weight, rng.integers(0, edges, (2 * h, 2 * w)), rng.uniform(0.0, 30.0, (edges, 2)),
-        unit(rng.normal(size=(edges, 2))), rng.uniform(140.0, 155.0, edges),
+        unit(rng.normal(size=(edges, 2))), rng.uniform(140.0, 155.0, edges), np.zeros((h, w, 0)), np.zeros((0, 3)),
     )  # fmt: skip
     return Case(camera, R, t, predicted, observed, normal_obj)
 
