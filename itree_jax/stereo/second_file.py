@@ -18,7 +18,7 @@ def load_second(scene: Scene, sensor: Sensor | None = None) -> SecondCamera | No
         return None
     try:
         entries = json.loads(path.read_text(encoding="utf-8"))
-        if str(scene.im_id) not in entries:
+        if isinstance(entries, dict) and str(scene.im_id) not in entries:
             return None
         number = entries[str(scene.im_id)]["right"]
         if type(number) is not int:

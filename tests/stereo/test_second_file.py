@@ -69,7 +69,7 @@ def test_no_second_camera_is_none(scenes, folder, tmp_path):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "3", "null", '"0"', '{"0": 1}', '{"0": {}}', '{"0": null}', '{"0": {"right": null}}', '{"0": {"right": "x"}}',
+    ["", "[]", "3", '"0"', '{"0": 1}', '{"0": {}}', '{"0": null}', '{"0": {"right": null}}', '{"0": {"right": "x"}}',
      '{"0": {"right": 1e999}}', '{"0": {"right": 1.5}}', '{"0": {"right": true}}', "\xff"],
 )  # fmt: skip
 def test_a_malformed_file_is_refused(folder, text):
