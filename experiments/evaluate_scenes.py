@@ -1,6 +1,6 @@
 """Compiles every model of a data set for its lights, recognises every scene, and prints the table per level and part.
 
-    python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR] [--depth file|stereo|none]
+    python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR] [--depth file|stereo|none] [--trees DIR]
 
 The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the command line, as a user would.
 """
@@ -26,6 +26,7 @@ class Config:
     dataset: Path = Path(os.environ.get("ITREE_DATA", Path(__file__).parents[2] / "shared" / "data")) / "scenes"
     out: Path = Path("out/evaluate_scenes")
     depth: str = "file"
+    trees: Path | None = None  # of an earlier run: they are used instead of compiling
 
 
 def main(config: Config) -> None:
@@ -52,18 +53,28 @@ def scenes_of_parts(dataset: Path) -> Iterable[tuple[int, list[Path]]]:
 
 
 def recognise_part(config: Config, obj_id: int, folders: list[Path]) -> Path:
-    """One tree, compiled for the part's first scene, and the csv of all its scenes."""
-    model = config.dataset / "models" / f"obj_{obj_id:06d}.ply"
-    tree, csv = config.out / f"obj_{obj_id:06d}.tree", config.out / f"obj_{obj_id:06d}.csv"
+    """A tree for each number of lights, compiled for the first such scene, and the csv of all the part's scenes."""
+    csv = config.out / f"obj_{obj_id:06d}.csv"
+    first = {len(list((folder / "lit").glob("000000_*"))): folder for folder in reversed(folders)}
+    trees = [tree_of(config, obj_id, lights, folder) for lights, folder in sorted(first.items())]
     scenes = config.out / f"scenes_{obj_id:06d}"
     scenes.mkdir(exist_ok=True)
     for folder in folders:
         link = scenes / folder.name
         link.unlink(missing_ok=True)
         link.symlink_to(folder.resolve(), target_is_directory=True)
-    run("compile", model, "--sensor", folders[0], "-o", tree, "--obj-id", obj_id)
-    run("recognize", scenes, tree, "-o", csv, "--depth", config.depth)
+    run("recognize", scenes, *trees, "-o", csv, "--depth", config.depth)
     return csv
+
+
+def tree_of(config: Config, obj_id: int, lights: int, folder: Path) -> Path:
+    """The tree of a part for a scene's lights: compiled, or that of an earlier run."""
+    name = f"obj_{obj_id:06d}_{lights}.tree"
+    if config.trees is not None and (config.trees / name).is_file():
+        return config.trees / name
+    model = config.dataset / "models" / f"obj_{obj_id:06d}.ply"
+    run("compile", model, "--sensor", folder, "-o", config.out / name, "--obj-id", obj_id)
+    return config.out / name
 
 
 def run(*words: object) -> None:
@@ -101,4 +112,5 @@ if __name__ == "__main__":
     parser.add_argument("--dataset", type=Path, default=Config.dataset)
     parser.add_argument("--out", type=Path, default=Config.out)
     parser.add_argument("--depth", choices=("file", "stereo", "none"), default=Config.depth)
+    parser.add_argument("--trees", type=Path, default=None)
     main(Config(**vars(parser.parse_args())))

@@ -13,7 +13,7 @@ from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import WINDOW_SIZE
-from itree_jax.tree.sights import needle_deviation, window_edges
+from itree_jax.tree.sights import sensor_needle_deviation, window_edges
 
 REGION_BATCH = 16  # regions are padded to a multiple, so that few shapes are compiled
 
@@ -41,7 +41,7 @@ def measure_regions(
     rows = padded_rows(np.arange(found.count))
     edges = window_edges(seen[rows], sensor.noise)
     windows = Window(*(np.asarray(a)[rows] for a in windows))
-    return Measured(measure_batch(windows, edges, np.float32(needle_deviation(sensor.noise))), R_ray_cam)
+    return Measured(measure_batch(windows, edges, np.float32(sensor_needle_deviation(sensor))), R_ray_cam)
 
 
 def padded_rows(index: Int[np.ndarray, "n"]) -> Int[np.ndarray, "padded"]:

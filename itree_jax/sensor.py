@@ -18,10 +18,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One camera with three or more switchable lights, distant ones or near points.
+    """One camera with three or more switchable lights, distant ones or near points; or a depth camera.
 
     Detectable (sec. 2.1.1): a point is detectable when its slant is under `slant_limit` and no light is blocked there,
     by the surface itself (attached shadow) or by another part of it (cast shadow).
+
+    A depth camera has no lights (`light_directions` [0, 3], `light_intensities` [0]): its needle map comes from the
+    gradient of its depth map, whose noise is `depth_noise`; detectable is then what is slanted by less than the limit.
     """
 
     camera: Camera
@@ -40,9 +43,16 @@ class Sensor:
     # optical axis meets the working distance.
     light_positions: Float[np.ndarray, "lights 3"] | None = None
 
+    # [mm] standard deviation of a depth camera's map; None of a camera with lights, whose depth maps tell their own
+    depth_noise: float | None = None
+
     @property
     def light_count(self) -> int:
         return len(self.light_directions)
+
+    @property
+    def is_depth_camera(self) -> bool:
+        return self.light_count == 0
 
     @property
     def mm_per_px(self) -> float:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
 from itree_jax.refinement.optimise import OtherView
-from itree_jax.refinement.schedule import Schedule, depth_jump, schedule
+from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
 from itree_jax.sensing.edges import scene_edges
 from itree_jax.sensing.material_response import MaterialResponse
@@ -137,7 +137,12 @@ def observe_images(
 
 
 def believed(needle: NeedleMap) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:
-    """Needles, 0 where there are none, and how far each is believed: interpretable, bright as the material is."""
+    """Needles, 0 where there are none, and how far each is believed: interpretable, bright as the material is, and less
+    where noise and the model's error turn it by more than refinement reckons with.
+    """
     interpretable = np.asarray(needle.interpretable)
-    weight = np.where(interpretable, needle.confidence, 0.0).astype(np.float32)
+    variance = np.square(needle.normal_std) + np.square(needle.normal_bias)
+    reckoned = NEEDLE_PIXEL**2 + NEEDLE_BIAS**2
+    weight = np.where(interpretable, needle.confidence * reckoned / np.maximum(variance, reckoned), 0.0)
+    weight = weight.astype(np.float32)
     return np.asarray(needle.normals) * interpretable[..., None], weight

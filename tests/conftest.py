@@ -47,8 +47,16 @@ def tree_of_the_paper(tmp_path_factory: pytest.TempPathFactory):
     return load_tree(compiled_once(tmp_path_factory, "the-papers", "ikeuchi-1987", **options))
 
 
-def compiled_once(factory: pytest.TempPathFactory, name: str, sensor: str, **options) -> Path:
-    """A file with the tree of the paper's part for a bundled sensor; one for all workers."""
+@pytest.fixture(scope="session")
+def depth_tree_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bracket compiled for the depth camera `bundled:depth-bench`; one file for all workers. Not to be changed."""
+    return compiled_once(tmp_path_factory, "depth-bracket", "depth-bench", "bracket", draws=FEW_DRAWS)
+
+
+def compiled_once(
+    factory: pytest.TempPathFactory, name: str, sensor: str, part: str = "ikeuchi-1987", **options
+) -> Path:
+    """A file with the tree of a bundled part for a bundled sensor; one for all workers."""
     base = factory.getbasetemp()
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
 
@@ -59,7 +67,7 @@ def compiled_once(factory: pytest.TempPathFactory, name: str, sensor: str, **opt
         from itree_jax.sensing.bundled import bundled_sensor
         from itree_jax.tree.tree_file import save_tree
 
-        save_tree(compile_tree(bundled_part("ikeuchi-1987"), bundled_sensor(sensor), **options), path)
+        save_tree(compile_tree(bundled_part(part), bundled_sensor(sensor), **options), path)
 
     return made_once(shared / f"{name}.tree", compile_and_save)
 

@@ -44,6 +44,9 @@ class Needle:
     """Image with every lamp off, to be subtracted."""
     albedo_tolerance: Annotated[float | None, tyro.conf.arg(metavar="SHARE")] = None
     """Leave out pixels whose albedo differs by more from the dominant one, for scenes of one material (robust only)."""
+    material: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    """Images of a sphere of the parts' material under the same lights, with its mask: the normal is then read as that
+    material shows it, not by Lambert's law (robust only)."""
     quiet: bool = False
     """Show nothing but errors."""
 
@@ -52,6 +55,8 @@ class Needle:
         check_folder(self.output)
         if self.albedo_tolerance is not None and (self.method != "robust" or not self.albedo_tolerance > 0.0):
             raise ItreeError("--albedo-tolerance must be a positive share such as 0.2, and goes with --method robust")
+        if self.material is not None and self.method != "robust":
+            raise ItreeError("--material goes with --method robust")
         with progress(self.quiet) as tell:
             tell("loading", 0.0)
             start_jax()
@@ -74,26 +79,47 @@ class Needle:
         from itree_jax.sensing.near_lights import lights_of
         from itree_jax.sensing.needle import NeedleMap
         from itree_jax.sensing.photometric import least_squares, needle_map
+        from itree_jax.sensing.reading import read_needles
 
+        if given.sensor.is_depth_camera:
+            return read_needles(given.images, given.sensor, given.depth)
         images = np.where(given.mask, given.images, np.float32(0.0))  # the dominant albedo is that inside
         if self.method == "robust":
             found = needle_map(images, given.sensor, given.depth, self.albedo_tolerance)
+            if self.material is not None:
+                found = self._by_material(NeedleMap(*(np.asarray(a) for a in found)), given)
         else:
             found = least_squares(images, *lights_of(given.sensor, given.depth), given.sensor.noise)
         return NeedleMap(*(np.asarray(a) for a in found))
 
 
+    def _by_material(self, needle: "NeedleMap", given: "NeedleInput") -> "NeedleMap":
+        from itree_jax.sensing.light_calibration.calibrate import load_sphere
+        from itree_jax.sensing.material_response import apply_response
+        from itree_jax.sensing.sphere_response import response_of_sphere
+
+        assert self.material is not None
+        place = load_sphere(self.material, given.sensor, None, self.channel or "mean")
+        if len(place.images) != given.sensor.light_count:
+            raise ItreeError(
+                f"{self.material}: {len(place.images)} images of the sphere, but {given.sensor.light_count} lights"
+            )
+        return apply_response(needle, response_of_sphere(place.images, given.sensor, place.sphere))
+
+
 def _drawn(given: "NeedleInput", needle: "NeedleMap", there: object) -> bytes:
-    """Needles on the brightest of the images at each pixel."""
+    """Needles on the brightest of the images at each pixel; of a depth camera, as a light beside it would show them."""
     import numpy as np
 
     from itree_jax.report.scene_pictures import displayed, needle_lines, white_level
+    from itree_jax.report.scene_view import head_light
     from itree_jax.sensing.image_file import png_bytes
 
-    inside = given.images[:, given.mask]
+    images = given.images if len(given.images) else head_light(needle)[None]
+    inside = images[:, given.mask]
     white = white_level(inside[:, :, None]) if inside.size else 1.0
     shown = needle._replace(interpretable=np.asarray(there))
-    return png_bytes(needle_lines(displayed(given.images.max(0), white), shown, 1.0))
+    return png_bytes(needle_lines(displayed(images.max(0), white), shown, 1.0))
 
 
 def _table(given: "NeedleInput", needle: "NeedleMap", there: object) -> "Table":

@@ -142,10 +142,14 @@ def recalibrated(
     scene: "Scene", fitting: "list[Prepared]", found: "Detections", forests: "Forests",
     lights: "dict[str, SelfCalibration]", second: "SecondCamera | None" = None,
 ) -> "tuple[Scene, Detections]":
-    """The scene with corrected lights and what is found under them, if the correction is kept; else as they are."""
+    """The scene with corrected lights and what is found under them, if the correction is kept; else as they are.
+    A depth camera has no lights to correct.
+    """
     from itree_jax.refinement.light_corrections import corrections_to_json
     from itree_jax.refinement.self_calibration import calibrated_by_answers
 
+    if scene.sensor.is_depth_camera:
+        return scene, found
     correction = calibrated_by_answers(found, fitting, scene.images, scene.sensor, scene.depth)
     if correction is None:
         return scene, found
@@ -193,7 +197,9 @@ def trees_for_more_lights(folder: Path, prepared: "Sequence[Prepared]", quiet: b
     for obj_id in dict.fromkeys(one.tree.obj_id for one in prepared):
         known = [one.tree for one in prepared if one.tree.obj_id == obj_id]
         sensor = load_scene(folder, sensor=known[0].sensor).sensor
-        if any(tree.sensor.light_count == sensor.light_count for tree in known):
+        # a depth camera is not another number of lights but another kind of sensor: `check_sensor` says what to do
+        known = [tree for tree in known if tree.sensor.is_depth_camera == sensor.is_depth_camera]
+        if not known or any(tree.sensor.light_count == sensor.light_count for tree in known):
             continue
         old = known[0]
         if not quiet:

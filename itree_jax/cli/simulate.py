@@ -33,6 +33,8 @@ class Simulate:
     """Name or index of one solid of an assembly."""
     obj_id: Annotated[int, tyro.conf.arg(metavar="N")] = 1
     """Object number in the dataset."""
+    second_camera: Annotated[float | None, tyro.conf.arg(metavar="MM")] = None
+    """A second camera so far to the right of the first one, parallel to it."""
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Of the drops and the images; the same seed gives the same dataset."""
     quiet: bool = False
@@ -55,6 +57,7 @@ class Simulate:
             with staged_folder(self.output) as stage:
                 simulate(
                     part, sensor, self.scenes, self.parts, stage, seed=self.seed, obj_id=self.obj_id,
+                    second_camera=self.second_camera,
                     progress=lambda done, scenes: tell(f"scene {done} of {scenes}", done / scenes),
                 )  # fmt: skip
         say(f"{self.output}: {self.scenes} scenes of up to {self.parts} parts '{part.name}'", self.quiet)

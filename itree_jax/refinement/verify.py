@@ -39,7 +39,7 @@ class Tolerances(NamedTuple):
     needle: Float[Array, ""]  # [rad]
     jump: Float[Array, ""]  # step between two surfaces [mm]
     # [px] from an observed edge within which a contour counts as found; 0: where depth ends or isn't known, it is found
-    edge: Float[Array, ""] = np.zeros((), np.float32)
+    edge: Float[Array, ""] | float = 0.0
 
 
 class Verdict(NamedTuple):
@@ -142,9 +142,14 @@ def contour_support(
     # depth sensors lose the far side of a step: where nothing was measured outside, the surface has ended
     by_depth = steps | (outer <= 0)
     # depth from two cameras isn't known where no needle is: there an edge in the images has to tell
-    by_edge = steps | (edge_distance(predicted.contour_uv, observed) < tolerances.edge)
-    ends = jnp.where(tolerances.edge > 0, by_edge, by_depth)
-    return jnp.sum((seen & ends).astype(jnp.float32)), jnp.sum((seen & ~ends).astype(jnp.float32))
+    at_edge = edge_distance(predicted.contour_uv, observed) < tolerances.edge
+    ends = jnp.where(tolerances.edge > 0, steps | at_edge, by_depth)
+    blind = (z > 0) & (inner <= 0) & (tolerances.edge > 0)
+
+    def total(known: Bool[Array, "*n"], unknown: Bool[Array, "*n"]) -> Float[Array, ""]:
+        return jnp.sum(known.astype(jnp.float32)) + BLIND * jnp.sum(unknown.astype(jnp.float32))
+
+    return total(seen & ends, blind & at_edge), total(seen & ~ends, blind & ~at_edge)
 
 
 def edge_distance(uv: Float[Array, "*n 2"], observed: ObservedMaps) -> Float[Array, "*n"]:
@@ -182,8 +187,8 @@ def verify(
     verdict, origin = _verify_in(R, t, model, observed, camera, tolerances, size, stride, jump)
     for view in others:
         there, _ = _verify_in(*view.poses(R, t), model, view.observed, view.camera, tolerances, size, stride, jump)
-        both = Verdict(*(here + other for here, other in zip(verdict, there, strict=True)))
-        verdict = both._replace(explained=verdict.explained)
+        counts: Any = (here + other for here, other in zip(verdict[:-1], there[:-1], strict=True))
+        verdict = Verdict(*counts, explained=verdict.explained)
     return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
 
 

@@ -100,7 +100,8 @@ def needle_colour_figure(view: SceneView) -> str:
         "<li>blue: toward the camera (+z)</li><li>dark grey: not interpretable (shadow, saturation)</li></ul></div>"
     )
     share = 100.0 * float(np.mean(view.needle.interpretable))
-    caption = f"From {len(view.scene.images)} lights; {number(share, 0)} % of the pixels are interpretable."
+    source = f"From {len(view.scene.images)} lights" if len(view.scene.images) else "From the depth map's gradient"
+    caption = f"{source}; {number(share, 0)} % of the pixels are interpretable."
     return figure(image(picture, "needle map in normal-map colours"), "Needle map, as colours", caption, legend)
 
 

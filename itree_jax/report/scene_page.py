@@ -60,7 +60,6 @@ def scene_title(scene: Scene) -> str:
 
 def scene_body(view: SceneView) -> str:
     """The page's content."""
-    white = number(100.0 * view.white, 0)
     return f"""<header><p class="eyebrow">itree-jax · what was recognised, and why</p>
 <h1>{text(scene_title(view.scene))}</h1>
 {tiles(key_figures(view))}</header>
@@ -70,13 +69,21 @@ def scene_body(view: SceneView) -> str:
 {pose_table_notes(view) if view.poses else ""}</section>
 <section><h2>What was measured</h2>
 <div class="grid">{needle_colour_figure(view)}{needle_line_figure(view)}{depth_figure(view)}{region_figure(view)}</div>
-<h3>Images under each light</h3>
-<p class="muted">Linear intensities with a display gamma of {DISPLAY_GAMMA}; white is {white} % of full scale.</p>
-<div class="grid small">{lit_figures(view)}</div></section>
+{lit_images(view)}</section>
 {decisions(view)}
 <section><h2>Regions without a pose of their own</h2>
 {lost_table(view)}</section>
 <footer>{setup(view)}</footer>"""
+
+
+def lit_images(view: SceneView) -> str:
+    """The images under each light; of a depth camera nothing."""
+    if not len(view.scene.images):
+        return ""
+    white = number(100.0 * view.white, 0)
+    return f"""<h3>Images under each light</h3>
+<p class="muted">Linear intensities with a display gamma of {DISPLAY_GAMMA}; white is {white} % of full scale.</p>
+<div class="grid small">{lit_figures(view)}</div>"""
 
 
 def decisions(view: SceneView) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh, ray_mesh
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from itree_jax.detections import Detection, Detections
 from itree_jax.report.palette import Rgb, cycle
@@ -40,7 +40,7 @@ class SceneView:
     detections: Detections
     needle: NeedleMap
     white: float  # intensity that is shown white
-    background: Picture  # mean of the lit images
+    background: Picture  # mean of the lit images; of a depth camera its needles under a light beside it
     labels: Int[np.ndarray, "h w"]
     poses: tuple[PoseView, ...]
     residuals: Residuals  # of all poses; their index is that in `poses`
@@ -79,19 +79,25 @@ def scene_view(
     used = {d.obj_id for d in detections} | {obj_id for obj_id, _, _ in truth or () if obj_id in by_id}
     meshes = {k: part_mesh(by_id[k]) for k in sorted(used)}
     offered = detections.by_offer
-    white = white_level(scene.images)
-    shape = scene.images.shape[1:]
+    images = scene.images if len(scene.images) else head_light(needle)[None]
+    white = white_level(images)
+    shape = images.shape[1:]
     labels = np.full(shape, -1) if detections.labels is None else np.asarray(detections.labels)
     poses = tuple(pose_view(d, k, by_id, meshes, scene, needle) for k, d in enumerate(offered))
     residuals = combined(shape, [p.rendered for p in poses], [p.codes for p in poses])
     return SceneView(
         scene=scene, detections=detections, needle=needle, white=white,
-        background=displayed(scene.images.mean(axis=0), white),
+        background=displayed(images.mean(axis=0), white),
         labels=labels, poses=poses, residuals=residuals,
         region_pose=explained_regions(labels, residuals, int(labels.max(initial=-1)) + 1)[0],
         meshes=meshes, trees=by_id, truth=tuple(truth or ()),
         comparison=None if truth is None else compare(offered, truth, by_id),
     )  # fmt: skip
+
+
+def head_light(needle: NeedleMap) -> Float[np.ndarray, "h w"]:
+    """What a Lambertian surface with these needles would show under a light at the camera; 0 where there is none."""
+    return np.maximum(-np.asarray(needle.normals)[..., 2], 0.0) * np.asarray(needle.interpretable)
 
 
 def pose_view(

@@ -155,10 +155,11 @@ def sensor_table(sensor: Sensor) -> str:
     lights = "<br>".join(light_words(direction, float(intensity)) for direction, intensity in pairs)
     size = f"{camera.width} by {camera.height} px, {number(sensor.mm_per_px, 3)} mm per px"
     electrons = f"full well {number(noise.full_well_e, 0)} electrons, read noise {number(noise.read_noise_e)} electrons"
+    of_depth = f"none: a depth camera with {number(sensor.depth_noise or 0.0, 2)} mm of noise"
     rows = [
         ["camera", f"{text(camera.kind)}, {size}"],
         ["working distance", f"{number(sensor.working_distance, 0)} mm"],
-        ["lights", lights],
+        ["lights", of_depth if sensor.is_depth_camera else lights],
         ["slant limit", f"{number(float(np.degrees(sensor.slant_limit)))}°"],
         ["smallest region", f"{number(sensor.smallest_region, 0)} mm²"],
         ["noise", f"{electrons}, {noise.bits} bits"],

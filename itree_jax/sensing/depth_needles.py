@@ -1,9 +1,14 @@
-"""Needles of a depth map: the normal of the plane through a pixel's neighbours, edges kept.
+"""Needles of a depth map: the normal of the surface through a pixel's neighbours, edges kept.
 
 Under a pinhole a plane's inverse depth is linear in the image (n . X = d with X = z K^-1 (u, v, 1) gives
 1/z = n . K^-1 (u, v, 1) / d), under an orthographic camera its depth is; so that one linear regression over a window
-gives the normal of a plane exactly, whatever its slant. Windows beside the pixel compete with the one around it
-(Nagao and Matsuyama 1979): at an edge the one that lies on one surface fits best.
+gives the normal of a plane exactly, whatever its slant. Windows compete for a pixel:
+
+- the one around it, where a quadratic surface fits it: the slope in its middle is free of curvature, and what the
+  third order adds follows from slope and curvature (`curving`);
+- beside a crease or a step, the best of eight that have the pixel on their border and lie on one plane (Nagao and
+  Matsuyama 1979);
+- where the surface curves too much for it, smaller ones around the pixel.
 """
 
 from typing import NamedTuple
@@ -11,22 +16,51 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from itree_kernels.camera import Camera
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
+
+from itree_jax.sensing.curving import added_by_third_order
+from itree_jax.sensing.window_fits import WindowFits, window_fits
 
 RADIUS = 4  # [px]: 9 x 9 pixels; 0.3 mm of noise at half a millimetre per pixel turn a normal by 1.3 degrees
-# A window fits when its residual is not above this times the noise: over 81 pixels the estimate of a deviation scatters
-# by 1/sqrt(2 * 81) = 8 %, so that three such deviations are 1.24.
-FIT = 1.25
-LEAST_KNOWN = 0.6  # of a window's pixels must have depth
-LEAST_NOISE = 1e-4  # [mm]: what float32 keeps of a metre
+SMALLER = (1, 2)  # [px] less than the radius, in turn; 5 x 5 pixels turn it by four degrees
+FITS = 3.0  # standard deviations of the sum of squared residuals above what noise gives: one window in a thousand
+# The squares of the three curvature terms over the noise's variance sum to 3 on a plane, to less than 6.3 in nine of
+# ten windows; on a cylinder of 10 px radius (0.3 mm of noise, 0.5 mm per pixel) to 20 and more.
+FLAT = 6.3
+BENT = 60.0  # of the same sum: a crease of 45 degrees or more. What curves as much is seldom flat beside.
+MOST_ADDED = 0.06  # [rad] by the third order: the fourth, unknown, is then within a degree
+LEAST_KNOWN = 0.6  # of a window's pixels; the others take the plane through their neighbours
+LEAST_NOISE = 0.05  # of a pixel's size: what smooth surfaces depart from quadratic ones
 
 
 class DepthNeedles(NamedTuple):
     """Normals from depth."""
 
     normals: Float[np.ndarray, "height width 3"]  # unit, camera frame, toward the camera; 0 where none
-    known: Bool[np.ndarray, "height width"]  # a plane fits the window as well as the noise allows
+    known: Bool[np.ndarray, "height width"]  # a surface fits a window as well as the noise allows
     normal_std: Float[np.ndarray, "height width"]  # rms angle [rad] by which the noise turns it; 0 where none
+
+
+class _Values(NamedTuple):
+    """What is fitted: the depth, or its inverse, less its mean."""
+
+    value: Float[np.ndarray, "height width"]
+    full: Bool[np.ndarray, "height width"]  # the value may be used
+    mean: float
+    variance: Float[np.ndarray, "height width"]  # of its noise
+    scale: Float[np.ndarray, "height width"]  # sizes of a pixel that the depth changes by per unit of it
+
+
+class _Taken(NamedTuple):
+    """What the pixels have so far."""
+
+    slope: Float[np.ndarray, "height width 2"]  # of the value over u and v
+    level: Float[np.ndarray, "height width"]  # the value
+    side: Int[np.ndarray, "height width"]  # of the window [px]; 0 where none fits
+
+    def put(self, here: Bool[np.ndarray, "height width"], slope: np.ndarray, level: np.ndarray, side: int) -> None:
+        """Gives windows to pixels that have none."""
+        self.slope[here], self.level[here], self.side[here] = slope, level, side
 
 
 def depth_needles(
@@ -34,94 +68,112 @@ def depth_needles(
 ) -> DepthNeedles:
     """Normals of a depth map [mm] (0 = none) with noise of this standard deviation [mm]. Runs on the host.
 
-    A pixel takes the normal of the window of (2 radius + 1)^2 pixels around it if that lies on one plane within the
-    noise, else of the best of eight that have it on their border. `known` is False where none of them does: on surfaces
-    that curve by more than the noise within a window.
+    `known` is False where no window fits: on surfaces that are narrower than the smallest one or curve within it.
     """
     there = depth > 0.0
-    seen = np.where(there, depth, 1.0).astype(np.float64)
-    plane, residual, share = _plane_fits(1.0 / seen if not camera.is_orthographic else seen, there, radius)
-    if not camera.is_orthographic:
-        residual = residual * np.where(there, depth, 0.0) ** 2  # dz = z^2 d(1/z)
-    residual = np.where(there & (share >= LEAST_KNOWN), residual, np.inf)
-    best, offset = _best_window(residual, radius, FIT * max(noise, LEAST_NOISE))
-    normals = _normals(_taken(plane, offset, radius), camera)
-    known = there & (best <= FIT * max(noise, LEAST_NOISE)) & (normals[..., 2] < 0.0)
-    return DepthNeedles(
-        np.where(known[..., None], normals, 0.0).astype(np.float32), known,
-        np.where(known, _turning(depth, normals, camera, noise, radius), 0.0).astype(np.float32),
-    )
+    z = np.where(there, depth, np.median(depth[there]) if there.any() else 1.0).astype(np.float64)
+    pitch = np.full_like(z, 1.0 / camera.fx) if camera.is_orthographic else z / camera.fx
+    values = _values(z, there, pitch, camera, noise, radius)
+    taken = _Taken(np.zeros((*z.shape, 2)), np.zeros_like(z), np.zeros(z.shape, np.int64))
+    fits = [window_fits(values.value, values.full, radius - less) for less in (0, *SMALLER) if radius - less > 0]
+    _take_around(taken, fits[0], values, camera, fits[0].curved <= BENT * values.variance)
+    _take_beside(taken, fits[0], values)
+    for fit in fits:
+        _take_around(taken, fit, values, camera, values.full)
+    normals = _normals(taken.slope, taken.level + values.mean, camera)
+    known = there & (taken.side > 0) & (normals[..., 2] < 0.0)
+    std = np.where(known, _turning(pitch, normals, noise, np.maximum(taken.side, 1)), 0.0)
+    return DepthNeedles(np.where(known[..., None], normals, 0.0).astype(np.float32), known, std.astype(np.float32))
 
 
-def _plane_fits(
+def _values(
+    z: Float[np.ndarray, "height width"], there: Bool[np.ndarray, "height width"],
+    pitch: Float[np.ndarray, "height width"], camera: Camera, noise: float, radius: int,
+) -> _Values:
+    value, per_mm = (z, np.ones_like(z)) if camera.is_orthographic else (1.0 / z, -(z**-2.0))
+    mean = float(value.mean())
+    filled, full = _filled(value - mean, there, radius)
+    variance = (np.maximum(noise, LEAST_NOISE * pitch) * per_mm) ** 2
+    return _Values(filled, full, mean, variance, 1.0 / (per_mm * pitch))
+
+
+def _take_around(
+    taken: _Taken, fit: WindowFits, values: _Values, camera: Camera, allowed: Bool[np.ndarray, "height width"]
+) -> None:
+    """Pixels without a window that a quadratic surface fits around take its slope, less what the third order adds."""
+    here = (taken.side == 0) & allowed & _fits(fit, fit.planar - fit.curved, values.variance, 6)
+    slope, scale = fit.slope[here], values.scale[here]
+    v, u = np.nonzero(here)
+    sight = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy], axis=-1)
+    sight = np.zeros_like(sight) if camera.is_orthographic else sight
+    added = added_by_third_order(fit.radius, slope, fit.bend[here], scale, sight)
+    small = (np.abs(added * scale[:, None]) <= MOST_ADDED).all(axis=-1)
+    here[here] = small
+    taken.put(here, (slope - added)[small], fit.middle[here], 2 * fit.radius + 1)
+
+
+def _take_beside(taken: _Taken, fit: WindowFits, values: _Values) -> None:
+    """Pixels without a window take the flattest one that has them on its border, if that is a plane."""
+    flat = _fits(fit, fit.planar, values.variance, 3) & (fit.curved <= FLAT * values.variance)
+    score = np.where(flat, fit.planar / values.variance, np.inf)
+    r, (height, width) = fit.radius, score.shape
+    v, u = np.nonzero(taken.side == 0)
+    best, slope, level = np.full(len(v), np.inf), np.zeros((len(v), 2)), np.zeros(len(v))
+    for down, right in [(i, j) for i in (-r, 0, r) for j in (-r, 0, r) if (i, j) != (0, 0)]:
+        at = np.clip(v + down, 0, height - 1), np.clip(u + right, 0, width - 1)  # at the rim no window is full
+        better = score[at] < best
+        best = np.where(better, score[at], best)
+        slope = np.where(better[:, None], fit.slope[at], slope)
+        level = np.where(better, fit.mean[at] - fit.slope[at] @ np.array([right, down], float), level)
+    found, here = np.isfinite(best), taken.side == 0
+    here[here] = found
+    taken.put(here, slope[found], level[found], 2 * r + 1)
+
+
+def _filled(
     value: Float[np.ndarray, "height width"], there: Bool[np.ndarray, "height width"], radius: int
-) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
-    """Of the window around each pixel: a, b, c of value = a u + b v + c, rms residual, share of known pixels."""
-    v, u = np.indices(value.shape).astype(np.float64)
-    mask = there.astype(np.float64)
+) -> tuple[Float[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
+    """Pixels without depth take the mean of a window's known ones; where those are too few, no window is to be used."""
+    if there.all():
+        return value, there
+    side = (2 * radius + 1,) * 2
 
     def mean(field: np.ndarray) -> np.ndarray:
-        return cv2.boxFilter(field * mask, cv2.CV_64F, (2 * radius + 1,) * 2, borderType=cv2.BORDER_CONSTANT)
+        return cv2.boxFilter(field, cv2.CV_64F, side, borderType=cv2.BORDER_CONSTANT)
 
-    share = mean(np.ones_like(mask))
-    over = 1.0 / np.maximum(share, 1e-9)
-    middle = float(value[there].mean()) if there.any() else 0.0
-    w = value - middle  # the mean out of it: squares keep their digits
-    mu, mv, mw = mean(u) * over, mean(v) * over, mean(w) * over
-    uu, vv, uv = mean(u * u) * over - mu**2, mean(v * v) * over - mv**2, mean(u * v) * over - mu * mv
-    uw, vw, ww = mean(u * w) * over - mu * mw, mean(v * w) * over - mv * mw, mean(w * w) * over - mw**2
-    determinant = np.maximum(uu * vv - uv**2, 1e-9)
-    a, b = (vv * uw - uv * vw) / determinant, (uu * vw - uv * uw) / determinant
-    square = np.maximum(ww - a * uw - b * vw, 0.0)
-    return np.stack([a, b, mw + middle - a * mu - b * mv], axis=-1), np.sqrt(square), share
+    share = mean(there.astype(np.float64))
+    around = mean(np.where(there, value, 0.0)) / np.maximum(share, 1e-9)
+    return np.where(there, value, around), there | (share >= LEAST_KNOWN)
 
 
-def _offsets(radius: int) -> list[tuple[int, int]]:
-    steps = (0, -radius, radius)
-    return [(rows, columns) for rows in steps for columns in steps]
+def _fits(
+    fit: WindowFits, squares: Float[np.ndarray, "height width"], variance: Float[np.ndarray, "height width"], terms: int
+) -> Bool[np.ndarray, "height width"]:
+    """Whether residuals about a surface of so many terms are no larger than the noise makes them."""
+    free = fit.pixels - terms
+    return fit.full & (squares <= (free + FITS * np.sqrt(2.0 * free)) * variance)
 
 
-def _best_window(
-    residual: Float[np.ndarray, "height width"], radius: int, fits: float
-) -> tuple[Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
-    """The residual of the window that a pixel takes, and which of `_offsets` that is: the first one, around the pixel,
-    if it fits (on a curved surface the others have other normals), else the best.
-    """
-    height, width = residual.shape
-    around = np.pad(residual, radius, constant_values=np.inf)
-    candidates = np.stack([
-        around[radius + r : radius + r + height, radius + c : radius + c + width] for r, c in _offsets(radius)
-    ])
-    offset = np.where(candidates[0] <= fits, 0, candidates.argmin(axis=0))
-    return np.take_along_axis(candidates, offset[None], axis=0)[0], offset
-
-
-def _taken(plane: Float[np.ndarray, "height width 3"], offset: np.ndarray, radius: int) -> np.ndarray:
-    height, width = offset.shape
-    rows, columns = np.array(_offsets(radius)).T
-    v, u = np.indices(offset.shape)
-    return plane[np.clip(v + rows[offset], 0, height - 1), np.clip(u + columns[offset], 0, width - 1)]
-
-
-def _normals(plane: Float[np.ndarray, "height width 3"], camera: Camera) -> Float[np.ndarray, "height width 3"]:
-    """Unit normals toward the camera of planes a, b, c in the image."""
-    a, b, c = np.moveaxis(plane, -1, 0)
+def _normals(
+    slope: Float[np.ndarray, "height width 2"], level: Float[np.ndarray, "height width"], camera: Camera
+) -> Float[np.ndarray, "height width 3"]:
+    """Unit normals toward the camera of planes with this value and slope of the value at each pixel."""
+    a, b = np.moveaxis(slope, -1, 0)
     if camera.is_orthographic:
-        toward = np.stack([a * camera.fx, b * camera.fy, -np.ones_like(c)], axis=-1)  # z = a u + b v + c, u = fx x + cx
+        toward = np.stack([a * camera.fx, b * camera.fy, -np.ones_like(a)], axis=-1)  # z = a u + b v + c, u = fx x + cx
     else:
-        toward = -np.stack([a * camera.fx, b * camera.fy, a * camera.cx + b * camera.cy + c], axis=-1)
+        v, u = np.indices(level.shape)
+        at_axis = level + a * (camera.cx - u) + b * (camera.cy - v)
+        toward = -np.stack([a * camera.fx, b * camera.fy, at_axis], axis=-1)
     return toward / np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-12)
 
 
 def _turning(
-    depth: np.ndarray, normals: np.ndarray, camera: Camera, noise: float, radius: int
+    pitch: Float[np.ndarray, "height width"], normals: np.ndarray, noise: float, side: Int[np.ndarray, "height width"]
 ) -> Float[np.ndarray, "height width"]:
     """Angle [rad] from the regression's slope error: noise over the root of the window's squared distances, in two
     directions; a slanted surface's pixels lie farther apart, which its cosine takes into account.
     """
-    side = 2 * radius + 1
-    pitch = 1.0 / camera.fx if camera.is_orthographic else depth / camera.fx
-    squares = side**2 * (side**2 - 1) / 12.0
-    slope = noise / (np.maximum(pitch, 1e-9) * np.sqrt(squares))
+    slope = noise / (pitch * np.sqrt(np.maximum(side**2 * (side**2 - 1.0) / 12.0, 1.0)))
     cosine = np.abs(normals[..., 2])
     return slope * cosine * np.sqrt(1.0 + cosine**2)  # across the tilt cos, along it cos^2

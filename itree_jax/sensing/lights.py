@@ -20,6 +20,9 @@ class Lights(NamedTuple):
     positions: Float[np.ndarray, "lights 3"] | None  # [mm], camera frame
 
 
+NO_LIGHTS = Lights(np.zeros((0, 3)), np.zeros(0), None)  # those of a depth camera
+
+
 def lights_of_entry(entry: Mapping[str, Any], working_distance: float | None, where: str) -> Lights:
     """The lights that a JSON object tells by 'directions' or by 'positions_mm', and 'intensities'.
 

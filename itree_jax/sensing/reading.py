@@ -1,8 +1,10 @@
 """Reading the needle map of a scene: photometric stereo, and the response of the material where it is known."""
 
 import numpy as np
+from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+from itree_jax.sensing.depth_camera import needles_of_depth
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.depth_steps import depth_noise
 from itree_jax.sensing.material_response import MaterialResponse, apply_response, fit_response
@@ -17,12 +19,16 @@ def read_needles(
     depth: Float[np.ndarray, "height width"] | None,
     response: MaterialResponse | None = None,
 ) -> NeedleMap:
-    """The needle map of one image under each light, as NumPy arrays.
+    """The needle map of one image under each light, or of a depth camera's map, as NumPy arrays.
 
     A depth map [mm] (0 = none) tells normals too, coarsely but without a reflectance: what photometric stereo makes of
     the material is fitted to them (`material_response`), and used where that helps. A `response` that is known already
     is used instead.
     """
+    if sensor.is_depth_camera:
+        if depth is None:
+            raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
+        return needles_of_depth(depth, sensor)
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
     if response is None and depth is not None:
         response = response_of_depth(needle, depth, sensor)

@@ -1,4 +1,7 @@
-"""Scene folders in the BOP layout with the lights beside them -> `Scene`: what the cameras saw of one bin state."""
+"""Scene folders in the BOP layout with the lights beside them -> `Scene`: what the cameras saw of one bin state.
+
+Without `lit/` and scene_lights.json it is what a depth camera saw: `depth/` alone.
+"""
 
 import json
 from dataclasses import dataclass, replace
@@ -11,14 +14,16 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
 from itree_jax.sensing.bundled import SMALLEST_REGION
+from itree_jax.sensing.depth_camera import depth_camera
+from itree_jax.sensing.depth_steps import depth_noise
 from itree_jax.sensing.image_file import IMAGE_SUFFIXES, read_image, read_intensity, undistorted
-from itree_jax.sensing.lights import Lights, lights_of_entry, slant_limit_of
+from itree_jax.sensing.lights import NO_LIGHTS, Lights, lights_of_entry, slant_limit_of
 from itree_jax.sensor import Noise, Sensor
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One image under each light of one bin state."""
+    """One image under each light of one bin state; of a depth camera no image, but depth."""
 
     scene_id: int
     im_id: int
@@ -58,13 +63,14 @@ def load_scene(
     own = sensor_of_scene(folder, im_id) if sensor is None else _with_response_of(folder, im_id, sensor)
     if noise is not None:
         own = replace(own, noise=noise)
-    paths = _image_paths(folder, im_id)
+    paths = [] if own.is_depth_camera else _image_paths(folder, im_id)
     if len(paths) != own.light_count:
         raise ItreeError(
             f"{folder}: scene_lights.json tells {own.light_count} lights for image {im_id}, but lit/ has {len(paths)} "
             "images of it"
         )
-    images = np.stack([_load_image(path, own) for path in paths])
+    nothing = np.zeros((0, own.camera.height, own.camera.width), np.float32)
+    images = np.stack([_load_image(path, own) for path in paths]) if paths else nothing
     R_w2c, t_w2c = _camera_pose(folder, im_id)
     depth = _load_depth(folder, im_id)
     if depth is not None:
@@ -79,22 +85,24 @@ def sensor_of_scene(folder: str | Path, im_id: int = 0) -> Sensor:
 
     Noise is `Noise()`, the slant limit `slant_limit_of` the lights, the smallest region 60 mm^2. The working distance
     is that of the world's plane z = 0 along the optical axis if the folder says where the camera stands, else the
-    median of the depth map. Raises `ItreeError` if neither is there.
+    median of the depth map. Of a depth camera's scene the noise is that of the depth map, the slant limit follows from
+    it (`depth_slant_limit`). Raises `ItreeError` if neither is there.
     """
     folder = Path(folder)
     camera = _camera(folder, im_id)
     working_distance = _working_distance(folder, im_id)
     lights = _lights(folder, im_id, working_distance)
-    return Sensor(
+    sensor = Sensor(
         camera=camera,
         light_directions=lights.directions,
         light_intensities=lights.intensities,
         noise=Noise(),
-        slant_limit=slant_limit_of(lights.directions),
+        slant_limit=slant_limit_of(lights.directions) if len(lights.directions) else 0.0,
         smallest_region=SMALLEST_REGION,
         working_distance=working_distance,
         light_positions=lights.positions,
     )
+    return depth_camera(sensor, _noise_of_depth(folder, im_id)) if sensor.is_depth_camera else sensor
 
 
 def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
@@ -103,9 +111,12 @@ def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
     size, sensor_size = (camera.width, camera.height), (sensor.camera.width, sensor.camera.height)
     if sensor.region_of_interest is not None and size != sensor_size:
         raise ItreeError(f"{folder}: images are {size} px, the sensor's region of interest is for {sensor_size} px")
+    noise = None
+    if not len(lights.directions):
+        noise = _noise_of_depth(folder, im_id) if sensor.depth_noise is None else sensor.depth_noise
     return replace(
         sensor, camera=camera, light_directions=lights.directions, light_intensities=lights.intensities,
-        light_positions=lights.positions,
+        light_positions=lights.positions, depth_noise=noise,
     )  # fmt: skip
 
 
@@ -125,7 +136,10 @@ def _image_paths(folder: Path, im_id: int) -> list[Path]:
     lit = folder / "lit"
     paths = sorted(p for p in lit.glob(f"{im_id:06d}_*") if p.suffix in IMAGE_SUFFIXES)
     if not paths:
-        raise ItreeError(f"{lit}: there is no image {im_id:06d}_00.png, the first of one image under each light")
+        raise ItreeError(
+            f"{lit}: there is no image {im_id:06d}_00.png, the first of one image under each light (a depth camera's "
+            f"scene has neither lit/ nor scene_lights.json, but depth/{im_id:06d}.png)"
+        )
     for k, path in enumerate(paths):
         if path.stem != f"{im_id:06d}_{k:02d}":
             raise ItreeError(f"{lit}: image {im_id:06d}_{k:02d} (light {k}) is missing; found {path.name}")
@@ -167,11 +181,30 @@ def _camera(folder: Path, im_id: int) -> Camera:
     kind = entry.get("cam_kind", "pinhole")  # our own key: BOP knows pinhole cameras only
     if kind not in ("pinhole", "orthographic"):
         raise ItreeError(f"{path}: 'cam_kind' must be pinhole or orthographic, it is {kind!r}")
-    height, width = read_image(_image_paths(folder, im_id)[0]).shape
+    first = _depth_path(folder, im_id) if _is_of_depth_camera(folder, im_id) else _image_paths(folder, im_id)[0]
+    height, width = read_image(first).shape
     return Camera(kind, K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item(), width, height)
 
 
+def _is_of_depth_camera(folder: Path, im_id: int) -> bool:
+    has_lights = (folder / "lit").exists() or (folder / "scene_lights.json").exists()
+    return not has_lights and _depth_path(folder, im_id).is_file()
+
+
+def _depth_path(folder: Path, im_id: int) -> Path:
+    return folder / "depth" / f"{im_id:06d}.png"
+
+
+def _noise_of_depth(folder: Path, im_id: int) -> float:
+    """Of the depth map [mm], and no less than what its steps round off."""
+    depth = _load_depth(folder, im_id)
+    assert depth is not None
+    return max(depth_noise(depth, depth > 0.0), _depth_scale(folder, im_id) / 12.0**0.5)
+
+
 def _lights(folder: Path, im_id: int, working_distance: float) -> Lights:
+    if _is_of_depth_camera(folder, im_id):
+        return NO_LIGHTS
     entry = _read_entry(folder, "scene_lights.json", im_id)
     return lights_of_entry(entry, working_distance, f"{folder / 'scene_lights.json'}: image {im_id}")
 
@@ -188,14 +221,18 @@ def _camera_pose(folder: Path, im_id: int) -> tuple[np.ndarray | None, np.ndarra
 
 
 def _load_depth(folder: Path, im_id: int) -> Float[np.ndarray, "height width"] | None:
-    path = folder / "depth" / f"{im_id:06d}.png"
+    path = _depth_path(folder, im_id)
     if not path.is_file():
         return None
+    return (read_image(path) * _depth_scale(folder, im_id)).astype(np.float32)
+
+
+def _depth_scale(folder: Path, im_id: int) -> float:
     entry = _read_entry(folder, "scene_camera.json", im_id)
     scale = _numbers(folder / "scene_camera.json", {"depth_scale": 1.0, **entry}, "depth_scale", 1)[0]
     if scale <= 0.0:
         raise ItreeError(f"{folder / 'scene_camera.json'}: 'depth_scale' must be positive, it is {scale}")
-    return (read_image(path) * scale).astype(np.float32)
+    return float(scale)
 
 
 def _working_distance(folder: Path, im_id: int) -> float:

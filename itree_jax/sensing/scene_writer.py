@@ -105,7 +105,8 @@ def _contents(scene: Scene, truth: Sequence[TrueObject] | None, depth_scale: flo
 
 def _entries(scene: Scene, depth_scale: float) -> dict[str, Any]:
     """What the JSON files tell of one camera image, by file."""
-    return {"scene_camera.json": _camera_entry(scene, depth_scale), "scene_lights.json": lights_entry(scene.sensor)}
+    entries = {"scene_camera.json": _camera_entry(scene, depth_scale)}
+    return entries if scene.sensor.is_depth_camera else entries | {"scene_lights.json": lights_entry(scene.sensor)}
 
 
 def _truth_entries(truth: Sequence[TrueObject] | None) -> dict[str, Any]:

@@ -14,9 +14,10 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Bool
 
 from itree_jax.sensing.bundled import SLANT_LIMIT, SMALLEST_REGION, bundled_sensor
+from itree_jax.sensing.depth_camera import depth_camera, depth_noise_of
 from itree_jax.sensing.image_file import png_bytes, read_image
 from itree_jax.sensing.json_check import check_json
-from itree_jax.sensing.lights import lights_of_entry
+from itree_jax.sensing.lights import NO_LIGHTS, lights_of_entry
 from itree_jax.sensing.scene_folder import scene_folders, sensor_of_scene
 from itree_jax.sensing.scene_writer import lights_entry
 from itree_jax.sensor import Noise, Sensor
@@ -53,7 +54,7 @@ def load_unlit_sensor(source: str | Path) -> Sensor:
     if not path.is_file():
         return load_sensor(source)
     data = read_json(path)
-    if isinstance(data, dict):
+    if isinstance(data, dict) and "depth_camera" not in data:
         data.setdefault("lights", {"directions": bundled_sensor("bench").light_directions.tolist()})
     return sensor_from_json(data, str(path), path.parent)
 
@@ -63,11 +64,17 @@ def sensor_from_json(data: Any, where: str, folder: Path | None = None) -> Senso
     check_json(data, SENSOR_SCHEMA, where)
     camera = _camera(data["camera"], where)
     response, working_distance = data.get("response", "linear"), float(data["working_distance_mm"])
-    lights = lights_of_entry(data["lights"], working_distance, f"{where}: lights")
-    return Sensor(
+    if ("lights" in data) == ("depth_camera" in data):
+        raise ItreeError(
+            f"{where}: the key 'lights' is missing (or 'depth_camera', for a sensor without lights)"
+            if "lights" not in data else f"{where}: give 'lights' or 'depth_camera', not both"
+        )
+    of_depth = "depth_camera" in data
+    lights = NO_LIGHTS if of_depth else lights_of_entry(data["lights"], working_distance, f"{where}: lights")
+    sensor = Sensor(
         camera=camera,
         light_directions=lights.directions,
-        light_intensities=lights.intensities * exposure_of(data["lights"], len(lights.directions), where),
+        light_intensities=lights.intensities * exposure_of(data.get("lights", {}), len(lights.directions), where),
         light_positions=lights.positions,
         noise=Noise(**data.get("noise", {})),
         slant_limit=float(np.radians(data.get("slant_limit_deg", np.degrees(SLANT_LIMIT)))),
@@ -78,15 +85,20 @@ def sensor_from_json(data: Any, where: str, folder: Path | None = None) -> Senso
         region_of_interest=_region_of_interest(data.get("region_of_interest"), camera, where, folder),
         bit_depth=data.get("bit_depth"),
     )
+    if not of_depth:
+        return sensor
+    limit = sensor.slant_limit if "slant_limit_deg" in data else None
+    return depth_camera(sensor, float(data["depth_camera"]["noise_mm"]), limit)
 
 
 def sensor_to_json(sensor: Sensor) -> dict[str, Any]:
     """The JSON object of a sensor, without its region of interest (`save_sensor` writes that too)."""
     c = sensor.camera
     camera = {"kind": c.kind, "matrix": [[c.fx, 0.0, c.cx], [0.0, c.fy, c.cy], [0.0, 0.0, 1.0]]}
+    of_depth = {"depth_camera": {"noise_mm": depth_noise_of(sensor)}} if sensor.is_depth_camera else None
     data = {
         "camera": {**camera, "size": [c.width, c.height], "distortion": list(sensor.distortion)},
-        "lights": lights_entry(sensor),
+        **(of_depth or {"lights": lights_entry(sensor)}),
         "response": "linear" if sensor.gamma == 1.0 else {"gamma": sensor.gamma},
         "noise": asdict(sensor.noise),
         "slant_limit_deg": float(np.degrees(sensor.slant_limit)),
@@ -109,7 +121,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
 
 
 def fingerprint(sensor: Sensor) -> str:
-    """Sixteen hex digits of what decides detectability: light directions (to 1e-6), camera model, slant limit, region.
+    """Sixteen hex digits of what decides detectability: light directions (to 1e-6), camera model, slant limit, region;
+    of a depth camera its noise too, which its needles come from.
 
     Light intensities, image size and noise are left out: a tree compiled for one holds for the others.
     """
@@ -119,6 +132,8 @@ def fingerprint(sensor: Sensor) -> str:
         "slant_limit": round(sensor.slant_limit, 6),
         "smallest_region": round(sensor.smallest_region, 6),
     }
+    if sensor.is_depth_camera:
+        facts["depth_noise"] = round(depth_noise_of(sensor), 6)
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 

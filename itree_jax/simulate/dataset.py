@@ -33,12 +33,14 @@ def simulate(
     look: Look = LOOKS["lambert"],
     noise: ImageNoise = ImageNoise(),  # noqa: B008 (frozen)
     obj_id: int = 1,
+    second_camera: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Drops parts into bins and writes the data set `out`: models, scenes 1, 2, ... with their truth, scenes.json.
 
     `parts_per_scene` are dropped; those that fall past the bin are not in the truth. One part alone makes scenes of
-    kind "isolated". `progress(done, scenes)` is called after each scene. The same seed gives the same data set.
+    kind "isolated". `second_camera` [mm]: a camera like the first one stands so far to its right, parallel.
+    `progress(done, scenes)` is called after each scene. The same seed gives the same data set.
 
     Raises ItreeError if the physics engine (extra `sim`) is missing, the part has no room in the field of view, a
     number is not positive, or `out` exists and is not empty.
@@ -51,7 +53,7 @@ def simulate(
     bin_ = bin_for(sensor, part.diameter)
     records: dict[str, Any] = {}
     for scene_id, sequence in enumerate(np.random.SeedSequence(seed).spawn(scenes), start=1):
-        drop_seed, image_seed = sequence.generate_state(2).tolist()
+        drop_seed, image_seed, second_seed = sequence.generate_state(3).tolist()
         T_bin_obj = _drop(part, parts_per_scene, bin_, drop_seed)
         if scene_id == 1:
             _write_models(part, obj_id, out / "models")  # not before the engine has proved to be there
@@ -59,7 +61,13 @@ def simulate(
         scene, truth = image_bin(
             part, T_bin_obj, bin_, sensor, look, noise, seed=image_seed, scene_id=scene_id, obj_id=obj_id
         )
-        write_scene(out / "test" / f"{scene_id:06d}", scene, truth)
+        right = None
+        if second_camera is not None:
+            right, _ = image_bin(
+                part, T_bin_obj, bin_, sensor, look, noise, seed=second_seed, scene_id=scene_id, obj_id=obj_id,
+                aside=second_camera, im_id=1,
+            )
+        write_scene(out / "test" / f"{scene_id:06d}", scene, truth, right=right)
         records[f"{scene_id:06d}"] = {
             "obj_id": obj_id, "part": part.name, "level": LEVEL, "kind": "isolated" if parts_per_scene == 1 else "bin",
             "lights": sensor.light_count, "material": look.name, "instances": len(truth),

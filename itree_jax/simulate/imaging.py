@@ -13,6 +13,7 @@ from itree_kernels.noise import sensor_noise
 from itree_kernels.reflected import reflected_light
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.sensing.bundled import DEPTH_NOISE
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.sensing.scene_writer import TrueObject
 from itree_jax.sensor import Sensor
@@ -48,7 +49,7 @@ class ImageNoise:
     """What is added to ideal images and depth."""
 
     sensor: bool = True  # shot noise, read noise and quantisation as the sensor states them
-    depth: float = 0.3  # [mm] standard deviation
+    depth: float | None = None  # [mm] standard deviation; None: what a depth camera states, else `DEPTH_NOISE`
 
 
 def image_bin(
@@ -62,15 +63,21 @@ def image_bin(
     seed: int,
     scene_id: int = 1,
     obj_id: int = 1,
+    aside: float = 0.0,
+    im_id: int = 0,
 ) -> tuple[Scene, tuple[TrueObject, ...]]:
     """The scene that `sensor` sees from straight above, and the truth about each part, in the order of `T_bin_obj`.
+
+    `aside` [mm]: how far to its own right the camera stands from where it would, for a second one (image `im_id`).
 
     The camera is ideal: the sensor's distortion and gamma are left out, in the images and in the scene's sensor. World
     is the bin's frame. The same seed gives the same bytes.
     """
     kinds = [(part, obj_id)]
     of_kind = np.zeros(len(T_bin_obj), int)
-    return image_mixed_bin(kinds, of_kind, T_bin_obj, bin_, sensor, look, noise, seed=seed, scene_id=scene_id)
+    return image_mixed_bin(
+        kinds, of_kind, T_bin_obj, bin_, sensor, look, noise, seed=seed, scene_id=scene_id, aside=aside, im_id=im_id
+    )
 
 
 def image_mixed_bin(
@@ -84,9 +91,12 @@ def image_mixed_bin(
     *,
     seed: int,
     scene_id: int = 1,
+    aside: float = 0.0,
+    im_id: int = 0,
 ) -> tuple[Scene, tuple[TrueObject, ...]]:
     """`image_bin` for different parts: `kinds` are parts with their object numbers, `of_kind` says which lies where."""
     T_cam_bin = camera_above(sensor)
+    T_cam_bin[0, 3] -= aside
     T_cam_obj = T_cam_bin @ T_bin_obj
     meshes = [ray_mesh(part.vertices, part.triangles, part.face_of_triangle) for part, _ in kinds]
     lit = _render(meshes, of_kind, bin_ray_mesh(bin_), T_cam_obj, T_cam_bin, sensor, look)
@@ -95,10 +105,12 @@ def image_mixed_bin(
     if noise.sensor:
         n = sensor.noise
         images = sensor_noise(images, n.full_well_e, n.read_noise_e, n.bits, light_seed)
-    jitter = np.random.default_rng(depth_seed).normal(0.0, noise.depth, lit.depth.shape)
+    of_sensor = DEPTH_NOISE if sensor.depth_noise is None else sensor.depth_noise
+    depth_std = of_sensor if noise.depth is None else noise.depth
+    jitter = np.random.default_rng(depth_seed).normal(0.0, depth_std, lit.depth.shape)
     depth = np.where(lit.depth > 0, lit.depth + jitter, 0.0).astype(np.float32)
     ideal = replace(sensor, distortion=(), gamma=1.0, bit_depth=None)
-    scene = Scene(scene_id, 0, images, depth, ideal, T_cam_bin[:3, :3], None, T_cam_bin[:3, 3])
+    scene = Scene(scene_id, im_id, images, depth, ideal, T_cam_bin[:3, :3], None, T_cam_bin[:3, 3])
     truth = [
         _true_object(meshes[kind], lit.instance == k, T, sensor, kinds[kind][1])
         for k, (kind, T) in enumerate(zip(of_kind, T_cam_obj, strict=True))

@@ -26,7 +26,7 @@ from itree_jax.tree.sights import (
     describe_region,
     edges_of,
     largest_regions,
-    needle_deviation,
+    sensor_needle_deviation,
     window_images,
 )
 
@@ -84,13 +84,14 @@ def turned(R_cam_obj: Float[np.ndarray, "views 3 3"], rolls: int) -> Float[np.nd
 
 
 def interpretable(shapes: ApparentShapes, sensor: Sensor) -> Bool[np.ndarray, "views s s"]:
-    """Pixels of orthographic views that get a needle: lit by three lights or more, slant under the limit.
+    """Pixels of orthographic views that get a needle: lit by three lights or more, slant under the limit; to a depth
+    camera, the slant alone counts.
 
     With three lights these are the detectable ones (sec. 2.1.1). With more, photometric stereo does without one that is
     blocked, and a view that asked for all of them would show other regions than the sensor does.
     """
     facing = -shapes.normal[..., 2] > np.cos(sensor.slant_limit)
-    return facing & (shapes.lit.sum(axis=1) >= LIGHTS_NEEDED)
+    return facing & (shapes.lit.sum(axis=1) >= min(LIGHTS_NEEDED, sensor.light_count))
 
 
 def appearances(
@@ -117,7 +118,7 @@ def appearances(
     masks = [region.mask for _, _, region in every]
     normals = [np.where(region.mask[..., None], a.normal, 0.0) for _, a, region in every]
     lines = [a.edges for _, a, _ in every]
-    features = measured(masks, normals, lines, pitch, needle_deviation(sensor.noise))
+    features = measured(masks, normals, lines, pitch, sensor_needle_deviation(sensor))
     return Appearances(
         R_cam_obj=R_all.astype(np.float32),
         view=np.repeat(view, rolls).astype(np.int32),

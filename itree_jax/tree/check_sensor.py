@@ -18,14 +18,30 @@ def check_sensor(tree: InterpretationTree, sensor: Sensor) -> None:
     """Raises ItreeError, naming what differs, unless `sensor` shows the part as the tree's sensor does.
 
     Compared are the kind of camera, the number and directions of the lights (in any order, to 3 degrees) and the slant
-    limit (to 1 degree). Image size, focal length, light intensities, exposure and noise may differ.
+    limit (to 1 degree). Image size, focal length, light intensities, exposure and noise may differ. A tree compiled for
+    lights does not hold for a depth camera, nor the other way round.
     """
+    if tree.sensor.is_depth_camera != sensor.is_depth_camera:
+        raise ItreeError(f"the tree of '{tree.part.name}' (object {tree.obj_id}) {_other_kind(tree.sensor)}")
     found = sensor_differences(tree.sensor, sensor)
     if found:
         raise ItreeError(
             f"the tree of '{tree.part.name}' (object {tree.obj_id}) was compiled for another sensor: "
             f"{'; '.join(found)}. Compile the part for this sensor (itree compile MODEL --sensor SCENE -o TREE)."
         )
+
+
+def _other_kind(compiled: Sensor) -> str:
+    if compiled.is_depth_camera:
+        return (
+            "was compiled for a depth camera, and this scene has lights. Take a tree compiled for them (itree compile "
+            "MODEL --sensor SCENE -o TREE), or give the scene without lit/ and scene_lights.json, so that its depth "
+            "map is read as a depth camera's"
+        )
+    return (
+        f"was compiled for {compiled.light_count} lights, and this scene is a depth camera's: it has no lit images. "
+        "Compile the part for it (itree compile MODEL --sensor SCENE -o TREE)"
+    )
 
 
 def sensor_differences(compiled: Sensor, sensor: Sensor) -> list[str]:
@@ -35,7 +51,7 @@ def sensor_differences(compiled: Sensor, sensor: Sensor) -> list[str]:
         found.append(f"its camera is {compiled.camera.kind}, this one {sensor.camera.kind}")
     if sensor.light_count != compiled.light_count:
         found.append(f"it has {compiled.light_count} lights, this one {sensor.light_count}")
-    else:
+    elif sensor.light_count:
         apart = light_angles(compiled.light_directions, sensor.light_directions)
         if apart.max() > LIGHT_TOLERANCE:
             light = int(np.argmax(apart))

@@ -57,6 +57,7 @@ def sensor_summary(tree: InterpretationTree) -> dict[str, Any]:
         "mm_per_px": sensor.mm_per_px,
         "working_distance_mm": sensor.working_distance,
         "lights": sensor.light_directions,
+        "depth_noise_mm": sensor.depth_noise,
         "slant_limit_deg": float(np.degrees(sensor.slant_limit)),
         "smallest_region_mm2": sensor.smallest_region,
         "fingerprint": fingerprint(sensor),

@@ -30,11 +30,13 @@ def heading(facts: dict[str, Any]) -> Text:
     symmetric = ", ".join(
         text for count, text in ((axes, f"{axes} axis of revolution"), (turns, f"{turns} symmetric turns")) if count
     )
+    of_depth = f"depth camera with {sensor['depth_noise_mm']} mm of noise"
+    lights = f"{len(sensor['lights'])} lights" if len(sensor["lights"]) else of_depth
     lines = [
         f"{part['name']} (object {facts['obj_id']}): {part['diameter_mm']:.1f} mm across, {part['faces']} faces, "
         f"{part['triangles']} triangles, {'watertight' if part['watertight'] else 'NOT watertight'}, "
         f"{symmetric or 'no symmetry'}",
-        f"{sensor['camera']} camera, {len(sensor['lights'])} lights, "
+        f"{sensor['camera']} camera, {lights}, "
         f"slant under {sensor['slant_limit_deg']:.1f} degrees, regions over {sensor['smallest_region_mm2']:.0f} mm^2",
         f"{facts['dome']['views']} views, {facts['appearances']['attitudes']} attitudes, policy {facts['policy']}, "
         f"seed {facts['seed']}",

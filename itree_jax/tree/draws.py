@@ -1,8 +1,8 @@
 """Noisy draws: regions as the sensor would measure them, for distributions and error rates.
 
-A draw is an attitude rendered under every light, given the sensor's noise, read by photometric stereo and cut into
-regions again. Half of the draws stand alone (what recognition sees of a part that lies on top), half beside another
-part that hides some of them and casts its shadow (what it sees of the rest of a bin).
+A draw is an attitude rendered under every light, given the sensor's noise, read by photometric stereo (or as a depth
+camera does) and cut into regions again. Half of the draws stand alone (what recognition sees of a part that lies on
+top), half beside another part that hides some of them and casts its shadow (what it sees of the rest of a bin).
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +21,7 @@ from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
 from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.depth_draws import depth_camera_needles
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import AttitudeGroups, group_of_label, roll_rotation
 from itree_jax.tree.neighbours import alone, either, with_neighbours
@@ -29,9 +30,9 @@ from itree_jax.tree.sights import (
     describe_region,
     edges_of,
     largest_regions,
-    needle_deviation,
     noisy,
     read,
+    sensor_needle_deviation,
     window_images,
 )
 
@@ -118,7 +119,7 @@ def noisy_draws(
         )
     masks, index = [t.regions[0].mask for t in found], np.array([t.index for t in found])
     normals = [np.where(m[..., None], t.needles, 0.0) for m, t in zip(masks, found, strict=True)]
-    features = measured(masks, normals, [t.edges for t in found], pitch, needle_deviation(sensor.noise))
+    features = measured(masks, normals, [t.edges for t in found], pitch, sensor_needle_deviation(sensor))
     beside = first_brothers([t.regions for t in found], np.asarray(features.inertia.alpha), BESIDE_REACH * reach)
     return Draws(
         with_brothers(features, beside), group[index], R_cam_obj[index], np.array([t.cut for t in found]),
@@ -152,7 +153,10 @@ def _targets(
     there, depth, normal, lit, own_pixels = map(np.asarray, views)
     images = noisy(window_images(there, normal, lit, sensor), sensor, int(rng.integers(2**31)))
     detectable, needles = np.zeros(there.shape, bool), np.zeros(normal.shape, np.float32)
-    detectable[there], needles[there] = read(images[:, there], sensor)
+    if sensor.is_depth_camera:
+        detectable, needles = depth_camera_needles(there, normal, pitch, sensor, rng)
+    else:
+        detectable[there], needles[there] = read(images[:, there], sensor)
     edges, areas = edges_of(np.moveaxis(images, 0, 1), sensor), face_areas(shapes, mesh, pitch)
     least = sensor.smallest_region / pitch**2
     found = []

@@ -114,7 +114,8 @@ def attitude_groups(
     same_digits = digit_permutations(permutations, faces)
     digit_area = seen.face_area[:, faces]
     labels = digit_area > sensor.smallest_region
-    blocking = np.array([self_blocking(part, int(face)) for face in faces])
+    # a depth camera has no light that a face could throw back on itself
+    blocking = np.array([0.0 if sensor.is_depth_camera else self_blocking(part, int(face)) for face in faces])
     blocking = blocking[same_digits].max(axis=0)  # alike faces differ by their pixels only, and are pruned together
     band = uncertain_band(sensor, frequency, part_camera(part, sensor).mm_per_px(1.0))
     group_labels = labels_of_groups(digit_area, same_digits, sensor.smallest_region, blocking, band, frequency**2)

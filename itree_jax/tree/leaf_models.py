@@ -20,7 +20,7 @@ from itree_jax.tree.appearances import (
 )
 from itree_jax.tree.groups import AttitudeGroups
 from itree_jax.tree.leaf_model import LeafModel
-from itree_jax.tree.sights import Region, needle_deviation
+from itree_jax.tree.sights import Region, sensor_needle_deviation
 
 
 def leaf_models(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> tuple[LeafModel, ...]:
@@ -30,7 +30,7 @@ def leaf_models(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> tuple[
     seen = seen_attitudes(mesh, sensor, R, camera, pitch, sensor.smallest_region / pitch**2)
     largest = [a.regions[0].mask if a.regions else np.zeros((WINDOW_SIZE, WINDOW_SIZE), bool) for a in seen]
     normals = [np.where(m[..., None], a.normal, 0.0) for m, a in zip(largest, seen, strict=True)]
-    needle_std = needle_deviation(sensor.noise)
+    needle_std = sensor_needle_deviation(sensor)
     features = measured(largest, normals, [a.edges for a in seen], pitch, needle_std)
     return tuple(
         _leaf_model(R[k], largest[k], normals[k], seen[k].edges, seen[k].regions, features, k, pitch, needle_std)

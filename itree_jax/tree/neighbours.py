@@ -47,6 +47,10 @@ def either(first: Bool[np.ndarray, "n"], a: Views, b: Views) -> Views:
 def with_neighbours(views: Views, L: Float[np.ndarray, "lights 3"], pitch: float, reach: float,
                     rng: np.random.Generator) -> Views:
     """Every view beside another view of the batch, at a random place around it."""
+    if not len(L):  # a depth camera: an axis of no lights cannot be mapped over, one that meets no shadow can
+        axis = np.array([[0.0, 0.0, -1.0]])
+        beside = with_neighbours(views._replace(lit=np.asarray(views.there)[:, None]), axis, pitch, reach, rng)
+        return beside._replace(lit=beside.lit[:, :0])
     count, size = len(views.there), views.there.shape[-1]
     other = (np.arange(count) + 1 + rng.integers(0, max(count - 1, 1), count)) % count
     radius = np.sqrt(np.asarray(views.there).sum(axis=(1, 2)) / np.pi)

@@ -16,6 +16,7 @@ from itree_kernels.noise import sensor_noise
 from jaxtyping import Bool, Float
 
 from itree_jax.features.edges import edge_map, seen_by
+from itree_jax.sensing.depth_camera import depth_needle_deviation, depth_noise_of
 from itree_jax.sensing.noise_model import intensity_std
 from itree_jax.sensing.photometric import photometric_stereo
 from itree_jax.sensing.reaching import MODEL_ERROR
@@ -45,7 +46,7 @@ def lit_images(
 
 
 def relative_intensities(sensor: Sensor) -> Float[np.ndarray, "lights"]:
-    return sensor.light_intensities / sensor.light_intensities.max()
+    return sensor.light_intensities / sensor.light_intensities.max(initial=0.0)
 
 
 def noisy(images: Float[np.ndarray, "lights *pixels"], sensor: Sensor, seed: int) -> Float[np.ndarray, "lights *n"]:
@@ -86,8 +87,12 @@ def window_images(
 def window_edges(images: Float[jax.Array, "n lights s s"], noise: Noise) -> Float[jax.Array, "n s s 2"]:
     """Edge maps of a batch of windows: what two lights or more show.
 
-    The border of a cast shadow, which one light shows, is not the part's. Thresholds go by the intensities' noise.
+    The border of a cast shadow, which one light shows, is not the part's. Thresholds go by the intensities' noise. To a
+    depth camera there are no edges: its noise lets it place a crease no better than to its window, which is several of
+    these pixels wide, and a step is the region's outline already.
     """
+    if images.shape[1] == 0:
+        return jnp.zeros((images.shape[0], *images.shape[2:], 2), jnp.float32)
 
     def one(image: jax.Array) -> jax.Array:
         return seen_by(edge_map(image, jnp.asarray(intensity_std(image, noise))), image.shape[0])
@@ -111,6 +116,13 @@ def needle_deviation(noise: Noise, exposure: float = BRIGHTEST) -> float:
     """By how much a needle may err [rad]: noise of an intensity at this exposure, and model error, both relative."""
     std = float(intensity_std(np.asarray(exposure, np.float32), noise)) / exposure
     return float(np.hypot(std, MODEL_ERROR))
+
+
+def sensor_needle_deviation(sensor: Sensor) -> float:
+    """By how much a needle may err [rad] under a sensor, whatever its kind."""
+    if sensor.is_depth_camera:
+        return depth_needle_deviation(depth_noise_of(sensor), sensor.mm_per_px)
+    return needle_deviation(sensor.noise)
 
 
 def largest_regions(

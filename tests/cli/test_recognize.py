@@ -39,7 +39,7 @@ def answers(monkeypatch):
     """Recognition that answers at once: one part, at the centre of the image."""
     seen = []
 
-    def recognize_one(prepared, images, sensor, depth, R_w2c):
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None):
         seen.append((prepared, images.shape, sensor))
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0]))
         return Detections((one,), time=2.0, labels=np.zeros((480, 640), np.int32))
@@ -104,7 +104,7 @@ def test_every_scene_is_answered_under_its_number(itree, scenes, paper_tree_file
     assert read_bop_csv(tmp_path / "r.csv").scene_id.tolist() == [2]
 
 
-@pytest.mark.parametrize("broken", ["depth", "lit/000000_01.png", "scene_lights.json"])
+@pytest.mark.parametrize("broken", ["lit/000000_01.png", "scene_lights.json"])
 def test_a_scene_that_fails_stops_everything_before_it_is_written(
     itree, scenes, paper_tree_file, answers, tmp_path, broken
 ):
@@ -121,12 +121,19 @@ def test_a_scene_that_fails_stops_everything_before_it_is_written(
     assert (tmp_path / "r.csv").read_text() == "old"
 
 
-@pytest.mark.parametrize("depth", ["stereo", "none"])
-def test_depth_from_elsewhere_is_not_there_yet(itree, scenes, paper_tree_file, tmp_path, depth):
-    ran = itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", "--depth", depth)
-    assert (ran.code, ran.out) == (2, "")
-    assert f"--depth {depth} is not there yet" in ran.err
-    assert not (tmp_path / "r.csv").exists()
+def test_depth_that_is_not_there_is_asked_for_elsewhere(itree, scenes, paper_tree_file, answers, tmp_path):
+    shutil.rmtree(scenes / "000002" / "depth")
+    for source, advice in (("file", "no depth map (depth/)"), ("stereo", "no second camera (scene_stereo.json)")):
+        ran = itree("recognize", scenes / "000002", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", source)
+        assert (ran.code, ran.out) == (2, "")
+        assert advice in ran.err
+        assert "--depth none" in ran.err
+        assert not (tmp_path / "r.csv").exists()
+    for source in ("none", "auto"):
+        ran = itree("recognize", scenes / "000002", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", source)
+        assert ran.code == 0
+    ran = itree("recognize", scenes / "000001", paper_tree_file, "-o", tmp_path / "r.csv", "--depth", "stereo")
+    assert "no second camera" in ran.err
 
 
 def test_a_scene_under_other_lights_is_refused(itree, scenes, paper_tree_file, answers, tmp_path):
