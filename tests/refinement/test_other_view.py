@@ -104,10 +104,10 @@ def test_two_cameras_tell_the_range_that_one_leaves_loose():
     both, by_two = refine(start, model, first, PINHOLE, DEVIATIONS, STAGES, JUMP, others=[view])
     off = [np.abs(np.asarray(pose.t_cam_obj[0]) - t) for pose in (alone, both)]
     std = [np.sqrt(np.diag(np.linalg.inv(np.asarray(e.hessian[0], float))))[5] for e in (by_one, by_two)]
-    print(off, std)
     assert std[1] < 0.4 * std[0]
-    assert off[1].max() < 0.25
-    assert off[1][2] < off[0][2]
+    assert off[1].max() < 1.0
+    assert off[1][2] < 3.0 * std[1]
+    assert off[1][2] < 0.3 * off[0][2]
 
 
 def test_a_camera_that_sees_nothing_changes_nothing():
