@@ -82,7 +82,7 @@ def _filled(matched: Float[np.ndarray, "height width"], middle: float) -> Float[
     there = matched > 0.0
     if not there.any():
         return np.full(matched.shape, middle)
-    i, j = distance_transform_edt(~there, return_distances=False, return_indices=True)
+    i, j = np.asarray(distance_transform_edt(~there, return_distances=False, return_indices=True))
     return cv2.medianBlur(np.ascontiguousarray(matched[i, j], np.float32), LONE)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from itree_cad.bundled import bundled_part
+from itree_kernels.instances import Material
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
@@ -28,7 +29,7 @@ def small_bin(request) -> TwoViews:
     floor = as_mesh(trimesh.creation.box((900, 900, 10)))
     R = Rotation.from_euler("xyz", [[8, 0, 20], [90, 25, -50], [0, 0, 0]], degrees=True).as_matrix()
     t = np.array([[-18.0, -10.0, 875.0], [22.0, 14.0, 868.0], [0.0, 0.0, 905.0]])
-    return two_views([*meshes, floor], R, t, np.array([0.7, 0.7, 0.06]), *CAMERAS[request.param], seed=5)
+    return two_views([*meshes, floor], R, t, Material(np.array([0.7, 0.7, 0.06])), *CAMERAS[request.param], seed=5)
 
 
 @pytest.fixture(scope="module")

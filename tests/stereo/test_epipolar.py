@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from itree_kernels.instances import Material
 from scipy.spatial.transform import Rotation
 
 from itree_jax.sensing.reading import read_needles
@@ -50,7 +51,7 @@ def plate() -> TwoViews:
     R = np.stack([Rotation.from_euler("xyz", [14, 21, 10], degrees=True).as_matrix(), np.eye(3)])
     t = np.array([[2.0, -1.0, 868.0], [0.0, 0.0, 905.0]])
     meshes = [as_mesh(trimesh.creation.box(size)) for size in ((50, 36, 4), (900, 900, 10))]
-    return two_views(meshes, R, t, np.array([0.7, 0.06]), seed=3)
+    return two_views(meshes, R, t, Material(np.array([0.7, 0.06])), seed=3)
 
 
 def matched(seen: TwoViews) -> tuple[EpipolarPair, Matched]:

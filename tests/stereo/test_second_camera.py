@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
+from itree_kernels.instances import Material
 from scipy.spatial.transform import Rotation
 
 from itree_jax.sensing.near_lights import near_light_field
@@ -68,7 +69,7 @@ def test_rows_of_turned_cameras_match_rows():
     floor = as_mesh(trimesh.creation.box((900, 900, 10)))
     t = np.array([[4.0, -3.0, 860.0], [0.0, 0.0, 905.0]])
     R, t_2 = converging()
-    seen = two_views([ball, floor], np.tile(np.eye(3), (2, 1, 1)), t, np.array([0.7, 0.06]), CAMERA, R, t_2)
+    seen = two_views([ball, floor], np.tile(np.eye(3), (2, 1, 1)), t, Material(np.array([0.7, 0.06])), CAMERA, R, t_2)
     pair = pair_of(R, t_2, CAMERA)
     v, u = np.indices(seen.lit.depth.shape)
     uv = np.stack([u, v], axis=-1)[5:-5:7, 5:-5:7].reshape(-1, 2).astype(float)

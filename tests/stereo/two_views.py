@@ -48,22 +48,22 @@ def second_of(images: np.ndarray, camera: Camera, R: np.ndarray, t: np.ndarray) 
 
 
 def two_views(
-    meshes: list[RayMesh], R: np.ndarray, t: np.ndarray, albedo, camera_2: Camera = SHIFTED, R_2=PARALLEL, t_2=ASIDE,
-    seed: int | None = None,
+    meshes: list[RayMesh], R: np.ndarray, t: np.ndarray, material: Material, camera_2: Camera = SHIFTED, R_2=PARALLEL,
+    t_2=ASIDE, seed: int | None = None,
 ) -> TwoViews:  # fmt: skip
     """Mesh k at pose k of the first camera's frame; with noise if there is a seed for it."""
     sensor = sensor_with(CAMERA)
     second = second_of(np.zeros((3, camera_2.height, camera_2.width)), camera_2, R_2, t_2)
-    images, lit = _photographs(meshes, R, t, sensor, albedo, seed)
+    images, lit = _photographs(meshes, R, t, sensor, material, seed)
     seed_2 = None if seed is None else seed + 1
-    images_2, lit_2 = _photographs(meshes, R_2 @ R, t @ R_2.T + t_2, second.sensor, albedo, seed_2)
+    images_2, lit_2 = _photographs(meshes, R_2 @ R, t @ R_2.T + t_2, second.sensor, material, seed_2)
     return TwoViews(images, sensor, replace(second, images=images_2), lit, lit_2)
 
 
-def _photographs(meshes, R, t, sensor: Sensor, albedo, seed: int | None) -> tuple[np.ndarray, LitScene]:
+def _photographs(meshes, R, t, sensor: Sensor, material: Material, seed: int | None) -> tuple[np.ndarray, LitScene]:
     camera, offset = sensor.camera, -(FINE - 1) / (2 * FINE)
     fine = camera.cropped(offset, offset, camera.width * FINE, camera.height * FINE, 1.0 / FINE)
-    which, light = list(range(len(meshes))), (sensor.light_directions, sensor.light_intensities, Material(albedo))
+    which, light = list(range(len(meshes))), (sensor.light_directions, sensor.light_intensities, material)
     images = render_scene(meshes, which, R, t, fine, *light).images
     images = images.reshape(len(images), camera.height, FINE, camera.width, FINE).mean(axis=(2, 4))
     if seed is not None:
