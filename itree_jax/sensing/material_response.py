@@ -7,7 +7,9 @@ second, smooth function of the normal tells how long b should be, so that what t
 neighbour's reflection) is not believed.
 
 It is fitted wherever normals are known: a sphere of the material, a depth map, recognised parts. It is kept only where
-it predicts normals that it was not fitted on better than Lambert's law does.
+it predicts normals that it was not fitted on better than Lambert's law does, and where that law errs by more than noise
+(a map of one material knows its albedo too and always filters some noise). A material is Lambertian or it is not: what
+is gained only on pixels that few lights reach, beside shadows, is their interreflection and no response.
 """
 
 from dataclasses import dataclass
@@ -23,6 +25,8 @@ LENGTH_DEGREE = 4  # of the length of b over the normal's x and y: a lobe is a b
 LEAST_PIXELS = 500  # 20 coefficients each from 25 pixels
 MOST_PIXELS = 8000  # of a set: more only take time, since neighbours share their errors
 LEAST_GAIN = 0.1  # the error on pixels left out must fall by so much: less is what the fit's own scatter may do
+LAW_OFF = 1.5  # times what sensor noise makes of the error, or more: less is not the law's fault
+MEDIAN_OF_RMS = np.sqrt(np.log(2.0))  # of a Gaussian deviation in two directions
 BLOCK = 16  # [px]: neighbours share their errors, so whole blocks are left out
 ITERATIONS = 12  # of reweighting; the weights settle in six to ten
 SAME_MATERIAL = 2.5  # times the dominant albedo or less: a lobe doubles what is seen, a bin is several times darker
@@ -62,7 +66,8 @@ def fit_response(
     """The response from normals [camera frame] that are known at some pixels. Runs on the host.
 
     A set of lights gets a map if it reaches enough of these pixels, and if the map fitted on one half of the image's
-    blocks is nearer to the known normals in the other half, both ways round.
+    blocks is nearer to the known normals in the other half, both ways round. None does unless the set that reaches
+    most of them does.
     """
     unit = float(dominant_albedo(needle)) or 1.0
     code, b = light_sets(needle), _b(needle).reshape(-1, 3) / unit
@@ -70,14 +75,19 @@ def fit_response(
     use &= np.abs(np.log(np.maximum(np.asarray(needle.albedo), 1e-6) / unit)) < np.log(SAME_MATERIAL)
     v, u = np.indices(use.shape)
     half = ((v // BLOCK + u // BLOCK) % 2).astype(bool)
-    sets = {}
-    for one, count in zip(*np.unique(code[use], return_counts=True), strict=True):
-        here = use & (code == one)
-        if count >= LEAST_PIXELS:
-            some = np.flatnonzero(here)[:: -(-int(count) // MOST_PIXELS)]
-            kept = _fit_set(b[some], normals.reshape(-1, 3)[some].astype(np.float64), half.ravel()[some])
-            if kept is not None:
-                sets[int(one)] = kept
+    noise = MEDIAN_OF_RMS * np.asarray(needle.normal_std, np.float64)
+    sets: dict[int, SetResponse] = {}
+    codes, counts = np.unique(code[use], return_counts=True)
+    for k in np.argsort(-counts, kind="stable"):
+        if counts[k] < LEAST_PIXELS:
+            break
+        some = np.flatnonzero(use & (code == codes[k]))[:: -(-int(counts[k]) // MOST_PIXELS)]
+        known_normals = normals.reshape(-1, 3)[some].astype(np.float64)
+        kept = _fit_set(b[some], known_normals, half.ravel()[some], float(np.median(noise.ravel()[some])))
+        if kept is not None:
+            sets[int(codes[k])] = kept
+        elif not sets:
+            break
     return MaterialResponse(unit, sets, np.asarray(needle.shadowed).shape[0])
 
 
@@ -134,9 +144,11 @@ def _map(coefficients: Float[np.ndarray, "terms 3"], b: Float[np.ndarray, "n 3"]
 
 
 def _fit_set(
-    b: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], half: Bool[np.ndarray, "n"]
+    b: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], half: Bool[np.ndarray, "n"], noise: float
 ) -> SetResponse | None:
-    """The map of all pixels, if maps of either half are better on the other one."""
+    """The map of all pixels, if Lambert's law errs by more than `noise` [rad], the median error that the sensor's noise
+    makes, and maps of either half are better on the other one.
+    """
     lambert = b / np.maximum(np.linalg.norm(b, axis=-1, keepdims=True), 1e-9)
     before, after = [], []
     for fitted_on, left_out in ((half, ~half), (~half, half)):
@@ -145,7 +157,7 @@ def _fit_set(
         predicted = _map(_fit_normals(b[fitted_on], normals[fitted_on]), b[left_out])
         before.append(np.median(_angles(lambert[left_out], normals[left_out])))
         after.append(np.median(_angles(predicted, normals[left_out])))
-    if not all(a < (1.0 - LEAST_GAIN) * c for a, c in zip(after, before, strict=True)):
+    if not all(a < (1.0 - LEAST_GAIN) * c and c > LAW_OFF * noise for a, c in zip(after, before, strict=True)):
         return None
     coefficients = _fit_normals(b, normals)
     length, scatter = _fit_length(np.linalg.norm(b, axis=-1), _map(coefficients, b))

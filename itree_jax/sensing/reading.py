@@ -31,9 +31,14 @@ def read_needles(
         return needles_of_depth(depth, sensor)
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
     if response is None and depth is not None:
-        of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
-        response = fit_response(needle, of_depth.normals, of_depth.known)
+        response = response_of_depth(needle, depth, sensor)
     return needle if response is None else apply_response(needle, response)
+
+
+def response_of_depth(needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor) -> MaterialResponse:
+    """The response of the material, fitted to the normals of a depth map [mm] (0 = none)."""
+    of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
+    return fit_response(needle, of_depth.normals, of_depth.known)
 
 
 def turned_back(

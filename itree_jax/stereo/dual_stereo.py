@@ -50,15 +50,20 @@ def dual_photometric_stereo(
     """
     pair = epipolar_pair(images, sensor, second)
     needle = turned_back(read_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
-    first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * sensor.working_distance)
-    coarse = block_matching(pair, int(np.floor(first)), int(np.ceil(last)))
-    depth, by_needles = _depth(pair, needle, coarse, (int(np.floor(first)), int(np.ceil(last))))
+    disparities = searched(pair)
+    depth, by_needles = _depth(pair, needle, block_matching(pair, *disparities), disparities)
     std = MATCH_ERROR * sensor.working_distance**2 / pair.focal_baseline
     camera = sensor.camera
     return StereoDepth(
         to_first_camera(depth, pair, camera).astype(np.float32),
         to_first_camera(by_needles.astype(np.float32), pair, camera) > 0.0, std,
     )
+
+
+def searched(pair: EpipolarPair) -> tuple[int, int]:
+    """First and last disparity [px] at which parts may lie."""
+    first, last = pair.disparity(np.array([FARTHEST, NEAREST]) * pair.sensor.working_distance)
+    return int(np.floor(first)), int(np.ceil(last))
 
 
 def _depth(
@@ -70,7 +75,7 @@ def _depth(
     pieces = smooth_pieces(normals, interpretable)
     slopes = needle_slopes(normals, np.asarray(needle.confidence), camera)
     alone = needle_slopes(normals, (pieces >= 0).astype(float), camera)
-    level = np.where(coarse > 0.0, coarse, pair.sensor.working_distance)
+    level = coarse if coarse.any() else np.full(coarse.shape, pair.sensor.working_distance)
     shape = surface(alone, level, np.full(level.shape, 40.0 * COARSE_STD), camera, rounds=1)
     found = match_pieces(pair, pieces, shape, coarse, disparities)
     matched = np.where(found.trusted, found.depth, coarse)
@@ -87,16 +92,23 @@ def block_matching(pair: EpipolarPair, first: int, last: int) -> Float[np.ndarra
     count = -(-(last - first + 1) // 16) * 16
     chosen = np.linspace(0, len(pair.left) - 1, 3).round().astype(int)
 
+    aside = max(0, first + count), max(0, -first)  # what is so near to an image's side is matched too
+
     def as_colours(images: np.ndarray) -> np.ndarray:
         root = np.sqrt(np.clip(images[chosen], 0.0, 1.0))  # evens out shot noise, and lifts what shadows hold
-        return np.ascontiguousarray((255.0 * root).astype(np.uint8).transpose(1, 2, 0))
+        colours = (255.0 * root).astype(np.uint8).transpose(1, 2, 0)
+        return cv2.copyMakeBorder(np.ascontiguousarray(colours), 0, 0, *aside, cv2.BORDER_REPLICATE)
 
     matcher = cv2.StereoSGBM.create(
         minDisparity=first, numDisparities=count, blockSize=3, P1=8 * 27, P2=64 * 27, disp12MaxDiff=1,
         uniquenessRatio=3, speckleWindowSize=50, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_HH,
     )
     disparity = matcher.compute(as_colours(pair.left), as_colours(pair.right)).astype(np.float32) / 16.0
-    return np.where(disparity >= first, pair.depth(disparity), 0.0)
+    width = pair.left.shape[2]
+    disparity = disparity[:, aside[0] : aside[0] + width]
+    there = np.arange(width) - disparity
+    seen = (disparity >= first) & (there >= 0.0) & (there <= width - 1.0)
+    return np.where(seen, pair.depth(disparity), 0.0)
 
 
 def match_windows(

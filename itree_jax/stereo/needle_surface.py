@@ -8,17 +8,20 @@ reweighted: a link across a depth step, or a point that was matched wrongly, giv
 from functools import partial
 from typing import NamedTuple
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 from jaxtyping import Array, Float
+from scipy.ndimage import distance_transform_edt
 
 NEEDLE_ERROR = np.radians(2.0)  # of a needle, what neighbours share of it included
 LOOSE = 10.0  # times that error is what links pixels without a needle: depth goes on as it is
 STEP = 0.6  # [mm] between neighbours beyond which a link is more likely broken than wrong
 DOUBT = 2.0  # deviations at which a matched point has a quarter of its weight
 ROUNDS = 4  # of reweighting; later ones move nothing by a tenth of a millimetre
+LONE = 5  # [px] side of the window in which a depth needs company to begin with
 ITERATIONS = 80  # of conjugate gradients in each round, from where the last one ended
 
 
@@ -65,11 +68,22 @@ def surface(
     middle = float(np.median(matched[there])) if there.any() else 1.0
     unit = middle / camera.fx * NEEDLE_ERROR / middle  # of log depth from pixel to pixel
     target = np.log(np.where(there, matched, middle) / middle).astype(np.float32)
-    s = target if start is None else np.log(start / middle).astype(np.float32)
+    s = np.log((_filled(matched, middle) if start is None else start) / middle).astype(np.float32)
     relative = (deviation / middle / unit).astype(np.float32)
     known = jnp.asarray(there)
     return middle * np.exp(np.asarray(_surface(jnp.asarray(s), jnp.asarray(target), known, jnp.asarray(relative),
                                                slopes, unit, STEP / middle, rounds)))
+
+
+def _filled(matched: Float[np.ndarray, "height width"], middle: float) -> Float[np.ndarray, "height width"]:
+    """Each pixel's nearest matched depth, without lone pixels that differ: what links are held against at first. One
+    that starts broken for want of a depth beside it would stay so, and a wrong point cut off would keep its place.
+    """
+    there = matched > 0.0
+    if not there.any():
+        return np.full(matched.shape, middle)
+    i, j = np.asarray(distance_transform_edt(~there, return_distances=False, return_indices=True))
+    return cv2.medianBlur(np.ascontiguousarray(matched[i, j], np.float32), LONE)
 
 
 @partial(jax.jit, static_argnames=("rounds",))

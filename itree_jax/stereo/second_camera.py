@@ -8,9 +8,11 @@ from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+from itree_jax.sensing.lights import axis_point, directions_on_axis
 from itree_jax.sensor import Sensor
 
 ALIGNED = 1e-4  # [rad], and relative: a tenth of a pixel at the border of the image
+ONE_SURFACE = 0.005  # of the depth, between pixels side by side: a surface that leans by 75 degrees differs by less
 LEAST_BASELINE = 0.02  # of the working distance: under it a pixel of disparity is more than a tenth of a part
 
 
@@ -61,8 +63,8 @@ def epipolar_pair(
     """The images of two pinhole cameras, turned about their centres so that rows match rows.
 
     Cameras that stand parallel and side by side already keep their pixels. Raises `ItreeError` for orthographic cameras
-    (rows of theirs tell depth too, but the geometry here is a pinhole's), other numbers of lights, or cameras that
-    stand too close together.
+    (rows of theirs tell depth too, but the geometry here is a pinhole's), other numbers of lights, cameras that stand
+    too close together or above one another, or a second one to the left.
     """
     _check(images, sensor, second)
     R, t = second.R_second_first, second.t_second_first
@@ -74,17 +76,17 @@ def epipolar_pair(
         size = (cameras[0].width, cameras[0].height)
         K = [_matrix(camera) for camera in cameras]
         R_left, R_right, P_left, P_right = cv2.stereoRectify(
-            K[0], np.zeros(5), K[1], np.zeros(5), size, R, t.reshape(3, 1)
-        )[:4]
+            K[0], np.zeros(5), K[1], np.zeros(5), size, R, t.reshape(3, 1), flags=0
+        )[:4]  # no flag: each image keeps its own middle, so that cameras that look at one point lose nothing
         left = _turned(images, K[0], R_left, P_left, size)
         right = _turned(second.images, K[1], R_right, P_right, size)
         fx, fy, cx, cy = P_left[0, 0], P_left[1, 1], P_left[0, 2], P_left[1, 2]
         view = Camera("pinhole", float(fx), float(fy), float(cx), float(cy), *size)
         baseline, offset = -float(P_right[0, 3] / P_right[0, 0]), float(P_left[0, 2] - P_right[0, 2])
-    turned = replace(sensor, camera=view, light_directions=sensor.light_directions @ R_left.T, region_of_interest=None)
+    turned = replace(_lights_turned(sensor, R_left), camera=view, region_of_interest=None)
     strengths = (one.light_intensities[:, None, None].astype(np.float32) for one in (sensor, second.sensor))
     shown = [image / strength for image, strength in zip((left, right), strengths, strict=True)]
-    if baseline < 0.0:  # the second camera stands on the other side: mirror both, rows stay rows
+    if baseline < 0.0:
         raise ItreeError(
             "the second camera stands to the left of the first one; swap them, so that image 1 is the right camera's"
         )
@@ -102,11 +104,38 @@ def to_first_camera(
     ray = ray_first / ray_first[..., 2:] @ pair.R_left_first.T
     view = pair.sensor.camera
     x, y = ray[..., 0] / ray[..., 2] * view.fx + view.cx, ray[..., 1] / ray[..., 2] * view.fy + view.cy
-    there = cv2.remap(
-        np.ascontiguousarray(depth, np.float32), x.astype(np.float32), y.astype(np.float32), cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT, borderValue=0,
-    )
-    return there / ray[..., 2]  # z along the turned axis is ray_z times z along the camera's own
+    return _read_depth(depth, x, y) / ray[..., 2]  # z along the turned axis is ray_z times z along the camera's own
+
+
+def _read_depth(
+    depth: Float[np.ndarray, "height width"], x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """Between four pixels of one surface inverse depth, which is linear on a plane, is interpolated; else the nearest
+    pixel's depth is taken, 0 outside.
+    """
+    height, width = depth.shape
+    i, j = (np.clip(np.floor(c).astype(int), 0, n - 2) for c, n in ((y, height), (x, width)))
+    right, down = x - j, y - i
+    corners = np.stack([depth[i, j], depth[i, j + 1], depth[i + 1, j], depth[i + 1, j + 1]]).astype(np.float64)
+    shares = np.stack([(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down])
+    nearest = np.take_along_axis(corners, shares.argmax(axis=0)[None], axis=0)[0]
+    least, most = corners.min(axis=0), corners.max(axis=0)
+    one = (least > 0.0) & (most - least < ONE_SURFACE * least)
+    between = 1.0 / (shares / np.where(one, corners, 1.0)).sum(axis=0)
+    inside = (x >= -0.5) & (x <= width - 0.5) & (y >= -0.5) & (y <= height - 0.5)
+    return np.where(inside, np.where(one, between, nearest), 0.0)
+
+
+def _lights_turned(sensor: Sensor, R: Float[np.ndarray, "3 3"]) -> Sensor:
+    """The sensor with its lights in a turned frame. Near lights are told where the new optical axis meets the scene."""
+    if sensor.light_positions is None:
+        return replace(sensor, light_directions=sensor.light_directions @ R.T)
+    positions, distance = sensor.light_positions @ R.T, sensor.working_distance
+    before, after = (np.linalg.norm(p - axis_point(distance), axis=1) for p in (sensor.light_positions, positions))
+    return replace(
+        sensor, light_positions=positions, light_directions=directions_on_axis(positions, distance),
+        light_intensities=sensor.light_intensities * (before / after) ** 2,
+    )  # fmt: skip
 
 
 def _check(images: np.ndarray, sensor: Sensor, second: SecondCamera) -> None:
@@ -119,6 +148,12 @@ def _check(images: np.ndarray, sensor: Sensor, second: SecondCamera) -> None:
         raise ItreeError(
             f"the two cameras stand {distance:.1f} mm apart, too close for parts {sensor.working_distance:.0f} mm "
             f"away; at least {LEAST_BASELINE * sensor.working_distance:.0f} mm are needed"
+        )
+    x, y, _ = np.abs(second.R_second_first.T @ second.t_second_first)  # where it stands, in the first one's frame
+    if y > x:
+        raise ItreeError(
+            "the second camera stands above or below the first one; turn the images of both by a quarter, with their "
+            "cameras, lights and poses, so that it stands beside it"
         )
 
 

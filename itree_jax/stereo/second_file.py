@@ -17,14 +17,16 @@ def load_second(scene: Scene, sensor: Sensor | None = None) -> SecondCamera | No
     if scene.folder is None or not (path := scene.folder / "scene_stereo.json").is_file():
         return None
     try:
-        entry = json.loads(path.read_text(encoding="utf-8")).get(str(scene.im_id))
-        number = None if entry is None else int(entry["right"])
-    except (OSError, AttributeError, KeyError, TypeError, ValueError) as error:  # malformed JSON is a ValueError
+        entries = json.loads(path.read_text(encoding="utf-8"))
+        if isinstance(entries, dict) and str(scene.im_id) not in entries:
+            return None
+        number = entries[str(scene.im_id)]["right"]
+        if type(number) is not int:
+            raise ValueError(f"'right' is {number!r}")
+    except (OSError, KeyError, TypeError, ValueError) as error:  # malformed JSON is a ValueError
         raise ItreeError(
             f'{path}: should be {{"{scene.im_id}": {{"right": N}}}}, N the image of the second camera ({error!r})'
         ) from error
-    if number is None:
-        return None
     right = load_scene(scene.folder, sensor=sensor, im_id=number)
     if scene.R_w2c is None or scene.t_w2c is None or right.R_w2c is None or right.t_w2c is None:
         raise ItreeError(

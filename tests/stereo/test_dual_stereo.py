@@ -1,0 +1,73 @@
+"""Dual photometric stereo of a small bin: depth of what needles cover to a third of a millimetre.
+
+The geometry: f = 1815 px, 900 mm away, cameras 120 mm apart, so that a pixel is half a millimetre across and a pixel of
+disparity 3.7 mm deep; 0.3 mm are a twelfth of a pixel of disparity.
+"""
+
+import numpy as np
+import pytest
+import trimesh
+from itree_cad.bundled import bundled_part
+from itree_kernels.instances import Material
+from itree_kernels.mesh import ray_mesh
+from scipy.spatial.transform import Rotation
+
+from itree_jax.sensing.reading import read_needles
+from itree_jax.stereo.dual_stereo import block_matching, dual_photometric_stereo, searched
+from itree_jax.stereo.second_camera import epipolar_pair, to_first_camera
+
+from .two_views import ASIDE, CAMERA, PARALLEL, SHIFTED, TwoViews, as_mesh, converging, two_views
+
+CAMERAS = {"parallel": (SHIFTED, PARALLEL, ASIDE), "turned": (CAMERA, *converging())}
+
+
+@pytest.fixture(scope="module", params=CAMERAS)
+def small_bin(request) -> TwoViews:
+    """Two bundled parts, one leaning, on a dark floor; with noise."""
+    parts = [bundled_part("ikeuchi-1987"), bundled_part("ikeuchi-1987")]
+    meshes = [ray_mesh(p.vertices, p.triangles, p.face_of_triangle) for p in parts]
+    floor = as_mesh(trimesh.creation.box((900, 900, 10)))
+    R = Rotation.from_euler("xyz", [[8, 0, 20], [90, 25, -50], [0, 0, 0]], degrees=True).as_matrix()
+    t = np.array([[-18.0, -10.0, 875.0], [22.0, 14.0, 868.0], [0.0, 0.0, 905.0]])
+    return two_views([*meshes, floor], R, t, Material(np.array([0.7, 0.7, 0.06])), *CAMERAS[request.param], seed=5)
+
+
+@pytest.fixture(scope="module")
+def depths(small_bin):
+    pair = epipolar_pair(small_bin.images, small_bin.sensor, small_bin.second)
+    alone = to_first_camera(block_matching(pair, *searched(pair)), pair, CAMERA)
+    return dual_photometric_stereo(small_bin.images, small_bin.sensor, small_bin.second), alone
+
+
+def test_matched_pieces_are_where_they_are(small_bin, depths):
+    stereo, alone = depths
+    needle = read_needles(small_bin.images, small_bin.sensor, None)
+    part = (small_bin.lit.instance < 2) & (small_bin.lit.instance >= 0)
+    matched = part & stereo.by_needles
+    off = np.abs(stereo.depth - small_bin.lit.depth)
+    assert matched.sum() > 0.8 * (part & needle.interpretable).sum() > 4000
+    assert np.median(off[matched]) < 0.3
+    assert np.percentile(off[matched], 90) < 2.0
+    coarse = part & (alone > 0)
+    assert np.median(off[matched]) < 0.2 * np.median(np.abs(alone - small_bin.lit.depth)[coarse])
+
+
+def test_what_is_not_known_is_zero(small_bin, depths):
+    stereo, _ = depths
+    assert (stereo.depth[stereo.by_needles] > 0).all()
+    known = stereo.depth > 0
+    assert 0.4 < known.mean() < 1.0
+    assert np.median(np.abs(stereo.depth - small_bin.lit.depth)[known]) < 1.5
+    assert 0.3 < stereo.std < 1.0  # 0.15 px of 3.7 mm
+
+
+def test_block_matching_reaches_the_sides_that_both_cameras_see(small_bin):
+    """Not only the columns that every disparity leaves inside of the second image."""
+    pair = epipolar_pair(small_bin.images, small_bin.sensor, small_bin.second)
+    first, last = searched(pair)
+    depth = block_matching(pair, first, last)
+    assert (depth[:, 10:last] > 0).mean() > 0.4
+    seen = depth > 0
+    there = (np.indices(depth.shape)[1] - pair.disparity(depth))[seen]
+    assert there.min() >= -0.01
+    assert there.max() <= CAMERA.width - 0.99
