@@ -27,8 +27,12 @@ class SecondCamera:
 
     def with_lights_of(self, first: Sensor) -> "SecondCamera":
         """The same with the lights of the first camera's sensor, turned into this one's frame."""
-        directions = first.light_directions @ self.R_second_first.T
-        sensor = replace(self.sensor, light_directions=directions, light_intensities=first.light_intensities)
+        turned = _lights_turned(first, self.R_second_first)
+        near = None if turned.light_positions is None else turned.light_positions + self.t_second_first
+        sensor = replace(
+            self.sensor, light_directions=turned.light_directions, light_positions=near,
+            light_intensities=first.light_intensities,
+        )
         return replace(self, sensor=sensor)
 
 
