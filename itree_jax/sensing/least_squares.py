@@ -37,8 +37,8 @@ class Symmetric(NamedTuple):
 
     @property
     def inverse(self) -> "Symmetric":
-        determinant = self.determinant
-        return Symmetric(tuple(cofactor / determinant for cofactor in self.cofactors.entries))
+        over = 1.0 / self.determinant
+        return Symmetric(tuple(cofactor * over for cofactor in self.cofactors.entries))
 
     def times(self, v: Float[Array, "3 *pixels"]) -> Float[Array, "3 *pixels"]:
         """The matrix times a vector."""

@@ -4,6 +4,8 @@ A Lambertian pixel of albedo r and normal n shows x_i = I_i / e_i = r n . l_i un
 weighted least squares over the lights that reach it; `reaching.py` decides which these are.
 """
 
+import math
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -30,6 +32,8 @@ from itree_jax.sensing.reaching import (
 )
 from itree_jax.sensor import Noise, Sensor
 
+BLOCK = 4096  # pixels: some sixty arrays of a block fit a megabyte of cache
+
 
 class Shown(NamedTuple):
     """Images over the strength of their lights, lights first."""
@@ -39,6 +43,20 @@ class Shown(NamedTuple):
     saturated: Bool[Array, "lights *pixels"]
     floor: Float[Array, "lights *or_pixels"]  # the darkest that is told from noise
     L: LightPlanes
+
+
+class Read(NamedTuple):
+    """What the lights say about each pixel."""
+
+    albedo: Float[Array, "*pixels"]
+    normals: Float[Array, "3 *pixels"]
+    interpretable: Bool[Array, "*pixels"]
+    albedo_std: Float[Array, "*pixels"]
+    normal_std: Float[Array, "*pixels"]
+    normal_bias: Float[Array, "*pixels"]
+    shadowed: Bool[Array, "lights *pixels"]
+    shadow_probability: Float[Array, "lights *pixels"]
+    reaching: Bool[Array, "lights *pixels"]
 
 
 def needle_map(
@@ -81,29 +99,17 @@ def photometric_stereo(
     dominant albedo held fixed; zero where there is no normal. Raises `ItreeError` on shapes that do not fit.
     """
     shown = _shown(images, light_directions, light_intensities, noise)
-    x, std, saturated, floor, L = shown
-    mean_direction = L.mean(tuple(range(2, L.ndim)))
+    mean_direction = shown.L.mean(tuple(range(2, shown.L.ndim)))
     mean_direction /= jnp.linalg.norm(mean_direction, axis=-1, keepdims=True)
-    ratio = shadow_ratio(mean_direction, jnp.asarray(slant_limit, x.dtype))
-    reaching, shadow_probability = lights_that_reach(*jax.lax.stop_gradient((x, std, saturated, L, floor, ratio)))
-    enough = light_sum(reaching.astype(jnp.int32)) >= LIGHTS_NEEDED
-
-    used = reaching | ~enough
-    b, equations, weight = _solve(shown, used)
-    albedo, normals = _split(b, enough)
-    shadowed = ~saturated & ~reaching & _is_dark(x, b, albedo, reaching, shown, ratio)
-    explained = reaching | saturated | shadowed | _is_highlight(x, b, reaching, L)
-    fits = _fits(shown, b, reaching) & jnp.all(explained, axis=0)
-    interpretable = enough & fits & (normals[2] < 0.0)
-    dominant = jax.lax.stop_gradient(mode_of_albedo(albedo, interpretable))
-    result = _needles(shown, reaching, enough, interpretable, (albedo, normals), (equations, weight), dominant)
-    if albedo_tolerance is not None:
-        typical = dominant[..., None, None]
-        strict = interpretable & (jnp.abs(albedo - typical) < jnp.asarray(albedo_tolerance, x.dtype) * typical)
-        result = result._replace(interpretable=strict, confidence=jnp.where(strict, result.confidence, 0.0))
-    return result._replace(
-        shadowed=jnp.moveaxis(shadowed, 0, -3), shadow_probability=jnp.moveaxis(shadow_probability, 0, -3)
-    )
+    ratio = shadow_ratio(mean_direction, jnp.asarray(slant_limit, shown.x.dtype))
+    read = by_blocks(partial(_read, ratio=ratio), shown)
+    dominant = jax.lax.stop_gradient(mode_of_albedo(read.albedo, read.interpretable))
+    result = _needles(read, shown.saturated, dominant)
+    if albedo_tolerance is None:
+        return result
+    typical = dominant[..., None, None]
+    strict = read.interpretable & (jnp.abs(read.albedo - typical) < jnp.asarray(albedo_tolerance) * typical)
+    return result._replace(interpretable=strict, confidence=jnp.where(strict, result.confidence, 0.0))
 
 
 @partial(jax.jit, static_argnames=("noise",))
@@ -118,15 +124,63 @@ def least_squares(
     Interpretable is every pixel whose normal faces the camera. See `photometric_stereo` for the arguments.
     """
     shown = _shown(images, light_directions, light_intensities, noise)
-    all_lights = jnp.ones_like(shown.saturated)
-    ones = jnp.ones_like(shown.x)
+    read = by_blocks(_read_all_lights, shown)
+    return _needles(read, shown.saturated, mode_of_albedo(read.albedo, read.interpretable))
+
+
+def by_blocks(read: Callable[[Shown], Read], shown: Shown) -> Read:
+    """`read` on blocks of pixels, one after the other: their arrays stay in the cache, and a pixel's result does not
+    depend on how many others there are.
+    """
+    shape = shown.x.shape[1:]
+    pixels = math.prod(shape)
+    count = -(-pixels // BLOCK)
+    of_pixels = [math.prod(a.shape[a.ndim - len(shape) :]) > 1 for a in shown]  # distant lights are the same for all
+
+    def flat(a: Array) -> Array:
+        return a.reshape(*a.shape[: a.ndim - len(shape)], -1)
+
+    def in_blocks(a: Array) -> Array:
+        everywhere = jnp.broadcast_to(a, (*a.shape[: a.ndim - len(shape)], *shape))
+        whole = jnp.pad(flat(everywhere), [(0, 0)] * (a.ndim - len(shape)) + [(0, count * BLOCK - pixels)], mode="edge")
+        return jnp.moveaxis(whole.reshape(*whole.shape[:-1], count, BLOCK), -2, 0)
+
+    def one(block: list[Array]) -> Read:
+        parts = iter(block)
+        return read(Shown(*(next(parts) if own else flat(a) for a, own in zip(shown, of_pixels, strict=True))))
+
+    found = jax.lax.map(one, [in_blocks(a) for a, own in zip(shown, of_pixels, strict=True) if own])
+
+    def joined(a: Array) -> Array:
+        whole = jnp.moveaxis(a, 0, -2)
+        return whole.reshape(*whole.shape[:-2], -1)[..., :pixels].reshape(*whole.shape[:-2], *shape)
+
+    return Read(*(joined(a) for a in found))
+
+
+def _read(shown: Shown, ratio: Float[Array, ""]) -> Read:
+    x, std, saturated, floor, L = shown
+    reaching, shadow_probability = lights_that_reach(*jax.lax.stop_gradient((x, std, saturated, L, floor, ratio)))
+    enough = light_sum(reaching.astype(jnp.int32)) >= LIGHTS_NEEDED
+    b, equations, weight = _solve(shown, reaching | ~enough)
+    albedo, normals = _split(b, enough)
+    shadowed = ~saturated & ~reaching & _is_dark(x, b, albedo, reaching, shown, ratio)
+    explained = reaching | saturated | shadowed | _is_highlight(x, b, reaching, L)
+    fits = _fits(shown, b, reaching) & jnp.all(explained, axis=0)
+    interpretable = enough & fits & (normals[2] < 0.0)
+    deviations = _deviations(shown, reaching, enough, (albedo, normals), (equations, weight))
+    return Read(albedo, normals, interpretable, *deviations, shadowed, shadow_probability, reaching)
+
+
+def _read_all_lights(shown: Shown) -> Read:
+    ones, all_lights = jnp.ones_like(shown.x), jnp.ones_like(shown.saturated)
     equations = normal_equations(ones, shown.L)
     b = equations.solve(light_sum(shown.x[:, None] * shown.L))
     enough = jnp.ones_like(all_lights[0])
     albedo, normals = _split(b, enough)
     interpretable = (albedo > 0.0) & (normals[2] < 0.0)
-    dominant = mode_of_albedo(albedo, interpretable)
-    return _needles(shown, all_lights, enough, interpretable, (albedo, normals), (equations, ones), dominant)
+    deviations = _deviations(shown, all_lights, enough, (albedo, normals), (equations, ones))
+    return Read(albedo, normals, interpretable, *deviations, ~all_lights, jnp.zeros_like(shown.x), all_lights)
 
 
 def _shown(images: Array, light_directions: Array, light_intensities: Array, noise: Noise) -> Shown:
@@ -164,34 +218,41 @@ def _solve(
     return b, equations, weight
 
 
-def _needles(
+def _deviations(
     shown: Shown,
     reaching: Bool[Array, "lights *pixels"],
     enough: Bool[Array, "*pixels"],
-    interpretable: Bool[Array, "*pixels"],
     split: tuple[Float[Array, "*pixels"], Float[Array, "3 *pixels"]],
     solved: tuple[Symmetric, Float[Array, "lights *pixels"]],
-    dominant: Float[Array, "*batch"],
-) -> NeedleMap:
+) -> tuple[Float[Array, "*pixels"], Float[Array, "*pixels"], Float[Array, "*pixels"]]:
+    """Standard deviation of the albedo, and the angles by which noise and the model's error turn the normal."""
     albedo, normals = split
     equations, weight = solved
     inverse = Symmetric(tuple(jnp.where(enough, entry, 0.0) for entry in equations.inverse.entries))
     shared = jnp.broadcast_to(MODEL_ERROR * brightest(shown.x, reaching), weight.shape)
     (along, across), (_, across_shared) = _stds(inverse, weight, (shown.std, shared), shown.L, normals)
-    confidence = albedo_confidence(albedo, along, dominant)
-    unit = jnp.where(enough, albedo, 1.0)
-    unit = jnp.where(unit > 0.0, unit, 1.0)
+    there = enough & (albedo > 0.0)
+    unit = jnp.where(there, albedo, 1.0)
+    return along, jnp.where(enough, across / unit, 0.0), jnp.where(enough, across_shared / unit, 0.0)
+
+
+def _needles(
+    read: Read, saturated: Bool[Array, "lights *batch height width"], dominant: Float[Array, "*batch"]
+) -> NeedleMap:
+    confidence = albedo_confidence(read.albedo, read.albedo_std, dominant)
+    of_lights = (jnp.moveaxis(a, 0, -3) for a in (read.shadowed, saturated, read.shadow_probability, read.reaching))
+    shadowed, saturated, shadow_probability, reaching = of_lights
     return NeedleMap(
-        normals=jnp.moveaxis(normals, 0, -1),
-        albedo=albedo,
-        interpretable=interpretable,
-        shadowed=jnp.moveaxis(jnp.zeros_like(shown.saturated), 0, -3),
-        saturated=jnp.moveaxis(shown.saturated, 0, -3),
-        confidence=jnp.where(interpretable, confidence, 0.0),
-        normal_std=jnp.where(enough, across / unit, 0.0),
-        normal_bias=jnp.where(enough, across_shared / unit, 0.0),
-        shadow_probability=jnp.moveaxis(jnp.zeros_like(shown.x), 0, -3),
-        reaching=jnp.moveaxis(reaching, 0, -3),
+        normals=jnp.moveaxis(read.normals, 0, -1),
+        albedo=read.albedo,
+        interpretable=read.interpretable,
+        shadowed=shadowed,
+        saturated=saturated,
+        confidence=jnp.where(read.interpretable, confidence, 0.0),
+        normal_std=read.normal_std,
+        normal_bias=read.normal_bias,
+        shadow_probability=shadow_probability,
+        reaching=reaching,
     )
 
 

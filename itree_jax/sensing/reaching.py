@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.sensing.least_squares import LightPlanes, light_sum, normal_equations, predicted
+from itree_jax.sensing.least_squares import LightPlanes, light_sum, normal_equations
 from itree_jax.sensing.needle import Array
 
 LIGHTS_NEEDED = 3
@@ -34,10 +34,13 @@ MODEL_ERROR = 0.03
 SHADOW_FILL = 0.035  # of full albedo: the exponential whose 90 percentile is the 8 % that rendered bins show
 SHADOW_PRIOR = 0.3  # of a light at a pixel: just over half of the visible area of a bin is lit by all of three lights
 HIGHLIGHT_PRIOR = 0.05
+HIGHLIGHT_STDS = 2.0  # above the fit: what agrees with it is no highlight, however bright
 HIGHLIGHTS_LEFT_OUT = 2  # at most so many: a lobe sends one light or two to the camera
 MOST_FILL = 0.4  # of full albedo: beyond the 99 percentile of what fills shadows (22 % of full scale, albedo 0.6)
 LEAST_SHADOW_RATIO = 0.1  # with lights far off the axis the geometric ratio is 0, but 8 % are often filled in
 AZIMUTHS = 72  # every 5 degrees: the ratio changes by less than 1 % between two
+# Of a lit light, beside the logarithm of its deviation: the Gaussian's own, less that of its prior.
+LIT_COST = 0.5 * math.log(2.0 * math.pi) - math.log(1.0 - SHADOW_PRIOR - HIGHLIGHT_PRIOR)
 LEAST_DETERMINANT = 1e-6  # of unit-trace normal equations: the set's lights lie in one plane
 
 
@@ -134,22 +137,28 @@ def _cost(
     which of these would be shadows (the others are highlights).
     """
     top = brightest(x, lit)
-    weight = weights(std, lit, x)
+    variance = std**2 + (MODEL_ERROR * top) ** 2
+    precision = 1.0 / jnp.maximum(variance, 1e-30)
+    weight = jnp.where(lit, precision * variance.min(0), 0.0)
     solved = normal_equations(weight, L)
     solvable = (light_sum(lit.astype(jnp.int32)) >= LIGHTS_NEEDED) & (_spread(lit, L) > LEAST_DETERMINANT)
     b = solved.solve(light_sum(weight[:, None] * x[:, None] * L))
     # Two lights always fit; of the albedo they tell that it is no less than the brighter one.
-    expected = jnp.where(solvable, predicted(b, L), x)
-    scale = jnp.where(solvable, jnp.sqrt(light_sum(b * b)), top)
-    scale = jnp.maximum(scale, 1e-6)  # densities are over x / albedo
-    sigma = jnp.hypot(std, MODEL_ERROR * top) / scale
-    as_lit = 0.5 * ((x - expected) / scale / sigma) ** 2 + jnp.log(sigma)
-    as_lit += 0.5 * math.log(2.0 * math.pi) - math.log(1.0 - SHADOW_PRIOR - HIGHLIGHT_PRIOR)
-    as_shadow = jnp.maximum(x, 0.0) / scale / SHADOW_FILL + math.log(SHADOW_FILL / SHADOW_PRIOR)
-    outshines = x > jnp.maximum(expected, top)
-    as_other = jnp.where(outshines, -math.log(HIGHLIGHT_PRIOR), as_shadow)
-    cost = light_sum(jnp.where(usable, jnp.where(lit, as_lit, as_other), 0.0))
-    return cost, usable & ~lit & ~outshines
+    scale = jnp.maximum(jnp.where(solvable, jnp.sqrt(light_sum(b * b)), top), 1e-6)  # densities are over x / albedo
+    over = 1.0 / scale
+
+    def add_light(so_far: Array, light: tuple) -> tuple[Array, Array]:
+        seen, is_usable, is_lit, off, toward = light
+        expected = jnp.where(solvable, light_sum(b * toward), seen)
+        sigma = jnp.sqrt(off) * over
+        as_lit = 0.5 * ((seen - expected) * over / sigma) ** 2 + jnp.log(sigma) + LIT_COST
+        outshines = seen > jnp.maximum(expected + HIGHLIGHT_STDS * jnp.sqrt(off), top)
+        as_shadow = jnp.maximum(seen, 0.0) * (over / SHADOW_FILL) + math.log(SHADOW_FILL / SHADOW_PRIOR)
+        as_other = jnp.where(outshines, -math.log(HIGHLIGHT_PRIOR), as_shadow)
+        cost = so_far + jnp.where(is_usable, jnp.where(is_lit, as_lit, as_other), 0.0)
+        return cost, is_usable & ~is_lit & ~outshines
+
+    return jax.lax.scan(add_light, jnp.zeros_like(top), (x, usable, lit, variance, L))
 
 
 def weights(
