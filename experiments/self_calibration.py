@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from itree_cad.bundled import bundled_part
 from itree_cad.load import load_part
@@ -23,7 +22,6 @@ from itree_cad.part import Part
 from itree_cad.symmetry import symmetries
 from scipy.spatial.transform import Rotation
 
-from itree_jax.recognition import needle_weight
 from itree_jax.refinement.lit_pixels import PlacedPart
 from itree_jax.refinement.observed import observe
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, refine
@@ -35,6 +33,7 @@ from itree_jax.sensing.regions import depth_noise
 from itree_jax.sensing.scene_folder import Scene, load_scene, scene_folders
 from itree_jax.sensing.sensor_file import load_sensor
 from itree_jax.sensor import Sensor
+from itree_jax.sight import believed
 from itree_jax.simulate import LOOKS
 from itree_jax.simulate.bin import bin_for
 from itree_jax.simulate.imaging import image_bin
@@ -163,10 +162,9 @@ def recognised_poses(case: Case, seed: int) -> Hypotheses:
     moved = Hypotheses(Rotation.from_rotvec(turn).as_matrix() @ case.poses.R_cam_obj, case.poses.t_cam_obj + shift)
     depth = case.scene.depth
     assert depth is not None
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(jnp.asarray(case.scene.images), case.told)))
+    needle = NeedleMap(*(np.asarray(a) for a in needle_map(case.scene.images, case.told)))
     plan = schedule(case.told, case.model.diameter, depth_noise(depth, depth > 0), spacing=0.1)
-    normals = np.asarray(needle.normals) * np.asarray(needle.interpretable)[..., None]
-    observed = observe(normals, needle_weight(needle), depth, plan.jump)
+    observed = observe(*believed(needle), depth, plan.jump)
     stages = [plan.rounds[-1].stage]
     found, _ = refine(moved, case.model, observed, case.told.camera, plan.deviations, stages, plan.jump)
     return Hypotheses(np.asarray(found.R_cam_obj, float), np.asarray(found.t_cam_obj, float))

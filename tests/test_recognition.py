@@ -23,6 +23,7 @@ from itree_jax.sensor import Sensor
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.dataset import model_info
 from itree_jax.simulate.imaging import image_bin
+from itree_jax.stereo.second_camera import SecondCamera
 
 TABLE = Bin((500.0, 400.0), 5.0)  # its walls are out of view
 ATTITUDES = (
@@ -149,11 +150,27 @@ def test_an_empty_image_gives_no_answer(prepared, sensor):
     assert best_reason([], 0) == "no hypothesis"
 
 
-def test_a_depth_map_is_asked_for(prepared, cases):
-    scene = cases[0].scene
-    for images in (scene.images, scene.images[None]):
-        with pytest.raises(ItreeError, match="needs a depth map"):
-            recognize(prepared, images, scene.sensor)
+def test_without_a_depth_map_two_cameras_tell_where_parts_are_and_one_tells_how_they_are_turned(
+    paper_tree, prepared, sensor
+):
+    """Distance is what one camera knows least; it says so, and two know it ten times better."""
+    T_bin_obj = np.tile(np.eye(4), (2, 1, 1))
+    T_bin_obj[:, :3, :3] = [R.as_matrix() for R in ATTITUDES[0]]
+    T_bin_obj[:, :3, 3] = PLACES
+    (scene, truth), (right, _) = (
+        image_bin(paper_tree.part, T_bin_obj, TABLE, sensor, seed=0, aside=aside, im_id=k)
+        for k, aside in enumerate((0.0, 60.0))
+    )
+    second = SecondCamera(right.images, right.sensor, np.eye(3), right.t_w2c - scene.t_w2c)
+    by_two = recognize(prepared, scene.images, scene.sensor, R_w2c=scene.R_w2c, second=second)
+    by_one = recognize(prepared, scene.images, scene.sensor, R_w2c=scene.R_w2c)
+    symmetry = symmetry_set(model_info(paper_tree.part))
+    for found, limit in ((by_two, 0.05), (by_one, 0.25)):
+        best = found.by_score[0]
+        poses = [Pose(t.R_cam_obj, t.t_cam_obj) for t in truth]
+        errors = [mssd(Pose(best.R_cam_obj, best.t_cam_obj), p, paper_tree.part.vertices, symmetry) for p in poses]
+        assert min(map(float, errors)) < limit * paper_tree.part.diameter
+    assert by_one.by_score[0].translation_std[2] > 2.0 * by_two.by_score[0].translation_std[2]
 
 
 def test_shapes_that_do_not_fit_the_sensor_are_refused(prepared, cases, sensor):

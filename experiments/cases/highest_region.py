@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from cases.bin_with_target import CaseScene
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.photometric import needle_map
+from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, regions
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.groups import group_of_label
@@ -36,7 +36,7 @@ class Measured:
 def measure_scene(case_scene: CaseScene) -> Measured:
     """Needle map and regions, as recognition has them."""
     scene = case_scene.scene
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(scene.images, scene.sensor)))
+    needle = read_needles(scene.images, scene.sensor, scene.depth)
     return Measured(case_scene, needle, regions(needle, scene.depth, scene.sensor, scene.R_w2c))
 
 

@@ -22,11 +22,12 @@ from itree_jax.features.rectify import affine_T, gradient_space
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.window import Window, extract_images, extract_windows
 from itree_jax.prepared import Prepared
-from itree_jax.recognition import as_forest, interpret, look
+from itree_jax.recognition import as_forest, interpret
 from itree_jax.region_measures import measure_regions
 from itree_jax.report.scene_view import SceneView, scene_view
 from itree_jax.report.truth_view import TruePose
 from itree_jax.root_answer import ask_root
+from itree_jax.sight import look
 from itree_jax.tree.appearances import WINDOW_SIZE
 from itree_jax.tree.sights import needle_deviation, window_edges
 from itree_jax.tree.tree import ROOT, InterpretationTree
@@ -138,7 +139,7 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     forest = as_forest(prepared)
     regions = measure_regions(found, needle, scene.images, scene.sensor, prepared.pitch)
     said = ask_root(forest, {prepared.pitch: regions}, found.count)
-    sight = look(found, needle, np.asarray(scene.depth, np.float32), scene.sensor)
+    sight = look(scene.images, scene.sensor, np.asarray(scene.depth, np.float32), scene.R_w2c)
     answer = interpret(prepared, 0, np.arange(found.count), regions, sight)
     detections = Detections(
         describe([answer], found, forest.root, said), time.perf_counter() - start, labels=found.labels
