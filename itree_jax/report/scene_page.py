@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from itree_jax.detections import Detections
+from itree_jax.report.edge_figure import edge_figure
 from itree_jax.report.markup import count_of, number, text, tiles, write_page
 from itree_jax.report.scene_figures import (
     depth_figure,
@@ -68,12 +69,18 @@ def scene_body(view: SceneView) -> str:
 {pose_table(view)}
 {pose_table_notes(view) if view.poses else ""}</section>
 <section><h2>What was measured</h2>
-<div class="grid">{needle_colour_figure(view)}{needle_line_figure(view)}{depth_figure(view)}{region_figure(view)}</div>
+<div class="grid">{measured_figures(view)}</div>
 {lit_images(view)}</section>
 {decisions(view)}
 <section><h2>Regions without a pose of their own</h2>
 {lost_table(view)}</section>
 <footer>{setup(view)}</footer>"""
+
+
+def measured_figures(view: SceneView) -> str:
+    """Needles, depth, edges and regions."""
+    made = (needle_colour_figure, needle_line_figure, depth_figure, edge_figure, region_figure)
+    return "".join(make(view) for make in made)
 
 
 def lit_images(view: SceneView) -> str:

@@ -26,8 +26,8 @@ def test_every_answer_is_there_with_its_path_drawn(tmp_path, scene, detections, 
     assert page.count("svg", "strip") == 2 * 2  # two measured quantities of one two-sided step, in two answers
     assert page.text.count("▼ margin \N{MINUS SIGN}1.25 nat") == 2
     assert "∞" in page.text  # the direction that nothing binds
-    # one for each light; overlay, residuals, needles twice and their legend, depth, regions; one for each pose
-    assert page.count("img") == 3 + 7 + 2
+    # one for each light; overlay, residuals, needles twice and their legend, depth, edges, regions; one for each pose
+    assert page.count("img") == 3 + 8 + 2
     assert "Scene 7, image 0" in page.text
     assert "0.5 s" in page.text
 
