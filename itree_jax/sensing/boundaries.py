@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 from scipy.spatial import KDTree
 
 from itree_jax.sensing.connected import NO_REGION
@@ -54,11 +54,6 @@ class Boundary(NamedTuple):
 
     def of(self, region: int) -> "Boundary":
         return Boundary(*(a[self.region == region] for a in self))
-
-    def shape_share(self, regions: int) -> Float[np.ndarray, "regions"]:
-        """How much of each region's boundary is the part's shape: 1 = nothing hides or shades it."""
-        total = np.bincount(self.region, minlength=regions)
-        return np.bincount(self.region, self.is_shape, minlength=regions) / np.maximum(total, 1)
 
 
 def boundary_labels(found: Regions, edges: SceneEdges, sensor: Sensor) -> Boundary:

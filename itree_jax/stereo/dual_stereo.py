@@ -124,10 +124,8 @@ def match_windows(
     cost = np.stack([
         cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW)) for step in steps
     ])
-    place, _ = lowest_point(cost, steps)
-    k = np.clip(cost.argmin(axis=0), 1, len(steps) - 2)[None]
-    before, least, after = (np.take_along_axis(cost, k + step, axis=0)[0] for step in (-1, 0, 1))
-    bend = np.maximum(before + after - 2.0 * least, 1e-9) / (steps[1] - steps[0]) ** 2
+    place, _, bend = lowest_point(cost, steps)
+    bend = bend / (steps[1] - steps[0]) ** 2
     usual = float(np.median(bend[interpretable])) if interpretable.any() else float(np.median(bend))
     deviation = np.clip(np.sqrt(usual / bend), SHARPEST_STD, DULLEST_STD)
     return pair.depth(disparity + place), deviation

@@ -86,7 +86,7 @@ def match_pieces(
     rival = np.abs(tried[:, None] - best) > RIVAL
     margin = np.where(rival, cost, np.inf).min(axis=0) - cost.min(axis=0)
     steps = np.arange(-2.0, 2.0 + FINE / 2, FINE)
-    place, least = lowest_point(np.stack([difference(best + step) for step in steps]), steps)
+    place, least, _ = lowest_point(np.stack([difference(best + step) for step in steps]), steps)
     depth = np.where(inside, pair.depth((best + place)[member] + relief), 0.0)
     return Matched(depth, inside & (margin > MARGIN)[member], least, margin)
 
@@ -106,12 +106,14 @@ def views_differ(
 
 def lowest_point(
     cost: Float[np.ndarray, "steps *n"], steps: Float[np.ndarray, "steps"]
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Where the parabola through the least cost and its neighbours has its lowest point, and the cost beside it."""
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """Where the parabola through the least cost and its neighbours has its lowest point, the cost beside it, and the
+    parabola's second difference.
+    """
     k = np.clip(cost.argmin(axis=0), 1, len(steps) - 2)[None]
     before, least, after = (np.take_along_axis(cost, k + step, axis=0)[0] for step in (-1, 0, 1))
     bend = np.maximum(before + after - 2.0 * least, 1e-9)
-    return steps[k[0]] + np.clip(0.5 * (before - after) / bend, -0.5, 0.5) * (steps[1] - steps[0]), least
+    return steps[k[0]] + np.clip(0.5 * (before - after) / bend, -0.5, 0.5) * (steps[1] - steps[0]), least, bend
 
 
 def _votes(

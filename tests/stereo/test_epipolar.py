@@ -40,7 +40,8 @@ def test_pieces_end_where_needles_jump():
 def test_the_lowest_point_is_the_parabolas():
     steps = np.linspace(-1.0, 1.0, 9)
     places = np.array([0.1, -0.33, 0.62])
-    place, least = lowest_point((steps[:, None] - places) ** 2 + 3.0, steps)
+    place, least, bend = lowest_point((steps[:, None] - places) ** 2 + 3.0, steps)
+    np.testing.assert_allclose(bend, 2.0 * 0.25**2)
     np.testing.assert_allclose(place, places, atol=1e-12)
     assert (least >= 3.0).all()
 
