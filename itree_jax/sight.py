@@ -22,7 +22,6 @@ from itree_jax.stereo.second_camera import SecondCamera
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
-DEPTH_UNKNOWN = 0.02  # of the working distance: parts lie on one another in a bin
 CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
 
 
@@ -121,7 +120,7 @@ def look_with_one(
     centres = sensor.camera.unproject(found.centroid_uv, level)
     return Sight(
         found, needle, observe_images(images, sensor, needle, none), centres, STEREO_NOISE, sensor,
-        shared=DEPTH_UNKNOWN * sensor.working_distance, edge_reach=EDGE_REACH, crease=CREASE,
+        edge_reach=EDGE_REACH, crease=CREASE,
     )
 
 

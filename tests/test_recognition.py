@@ -153,7 +153,7 @@ def test_an_empty_image_gives_no_answer(prepared, sensor):
 def test_without_a_depth_map_two_cameras_tell_where_parts_are_and_one_tells_how_they_are_turned(
     paper_tree, prepared, sensor
 ):
-    """Distance is what one camera knows least; it says so, and two know it ten times better."""
+    """Distance is what one camera knows least, and it says so: two state less than half of its deviation."""
     T_bin_obj = np.tile(np.eye(4), (2, 1, 1))
     T_bin_obj[:, :3, :3] = [R.as_matrix() for R in ATTITUDES[0]]
     T_bin_obj[:, :3, 3] = PLACES

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.recognised_response import LEAST_PARTS, responses_of_parts, shown_normals
 from itree_jax.sensing.edges import EdgeLabel, scene_edges
 from itree_jax.sensing.near_lights import lights_of
-from itree_jax.sight import CREASE, DEPTH_UNKNOWN, EDGE_REACH, Sight, look
+from itree_jax.sight import CREASE, EDGE_REACH, Sight, look
 
 from .stereo.two_views import CAMERA, DISTANCE, TwoViews, as_mesh, converging, two_views
 
@@ -78,7 +78,7 @@ def test_one_camera_takes_regions_to_lie_at_the_working_distance(matte):
     assert sight.found.count >= 2
     np.testing.assert_allclose(sight.segment_centre[:, 2], DISTANCE)
     assert not np.asarray(sight.observed.depth).any()
-    assert sight.shared == DEPTH_UNKNOWN * DISTANCE
+    assert sight.shared is None  # gates are those of a known depth: what is off is how far, not where in the image
     assert sight.others == ()
     edges = scene_edges(matte.images, matte.sensor, sight.needle).of(
         EdgeLabel.OUTLINE, EdgeLabel.CREASE, EdgeLabel.GEOMETRIC
