@@ -56,7 +56,7 @@ def simulate(
         drop_seed, image_seed, second_seed = sequence.generate_state(3).tolist()
         T_bin_obj = _drop(part, parts_per_scene, bin_, drop_seed)
         if scene_id == 1:
-            _write_models(part, obj_id, out / "models")  # not before the engine has proved to be there
+            write_model(part, obj_id, out / "models")  # not before the engine has proved to be there
             (out / "test").mkdir()
         scene, truth = image_bin(
             part, T_bin_obj, bin_, sensor, look, noise, seed=image_seed, scene_id=scene_id, obj_id=obj_id
@@ -86,11 +86,14 @@ def _drop(part: Part, count: int, bin_: Bin, seed: int) -> Float[np.ndarray, "ke
     raise ItreeError(f"none of {count} parts '{part.name}' stayed in the bin in {ATTEMPTS} drops; take a wider sensor.")
 
 
-def _write_models(part: Part, obj_id: int, folder: Path) -> None:
-    folder.mkdir(parents=True)
+def write_model(part: Part, obj_id: int, folder: Path) -> None:
+    """Adds a part's mesh and its entry of models_info.json to a data set's folder of models."""
+    folder.mkdir(parents=True, exist_ok=True)
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
     mesh.export(folder / f"obj_{obj_id:06d}.ply")
-    _write_json(folder / "models_info.json", {str(obj_id): model_info(part)})
+    path = folder / "models_info.json"
+    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    _write_json(path, known | {str(obj_id): model_info(part)})
 
 
 def model_info(part: Part) -> dict[str, Any]:
