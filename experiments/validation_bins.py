@@ -84,7 +84,8 @@ def make_scene(part: Part, obj_id: int, scene_id: int, number: int, config: Conf
     look = look_of(level, rng)
     seeds = rng.integers(0, 2**31, 3).tolist()
     record = {
-        "obj_id": obj_id, "part": part.name, "level": level, "kind": "bin", "lights": int(lights), "material": look.name,
+        "obj_id": obj_id, "part": part.name, "level": level, "kind": "bin", "lights": int(lights),
+        "material": look.name,
     }  # fmt: skip
     folder = config.out / "test" / f"{scene_id:06d}"
     if folder.is_dir():

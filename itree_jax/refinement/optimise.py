@@ -19,7 +19,7 @@ from itree_jax.sensing.needle import Array
 
 DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
 SMALLEST_BATCH, BATCH = 16, 128
-LARGE_WINDOW, LARGE_BATCH = 48, 32  # few hypotheses reach the stages with large windows: what pads them costs most there
+LARGE_WINDOW, LARGE_BATCH = 48, 32  # few hypotheses reach the large windows, and padding costs most there
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 
 

@@ -22,7 +22,7 @@ GOOD, FAIR, BAD = 8.0, 6.0, -4.0  # nats of a pixel
 def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1.0) -> Judged:
     """Hypotheses that explain the pixels of a mask, all by so many nats."""
     masks = np.asarray(masks, bool)
-    count, size = len(masks), masks.shape[1]
+    count = len(masks)
     pixels = (masks * np.asarray(nats, np.float32)[:, None, None]).astype(np.float16)
     hidden = np.zeros(masks.shape, bool) if hidden is None else np.asarray(hidden, bool)
     agreeing = (pixels > 0).sum(axis=(1, 2)).astype(float)
@@ -188,10 +188,11 @@ def test_lists_are_joined_in_order():
 
 @pytest.mark.parametrize("kind", sorted(SCORINGS))
 def test_more_doubt_never_makes_a_pose_more_probable(kind):
-    usual = dict(
-        size=3.0, fit=6.0, against=0.01, hidden=0.1, lit=0.9, needles=0.5, contour=0.8, beside=0.0, own=1.0, margin=50.0
-    )
-    worse = dict(size=2.0, against=0.3, hidden=0.5, lit=0.3, contour=0.4, margin=0.0)
+    usual = {
+        "size": 3.0, "fit": 6.0, "against": 0.01, "hidden": 0.1, "lit": 0.9, "needles": 0.5, "contour": 0.8,
+        "beside": 0.0, "own": 1.0, "margin": 50.0,
+    }  # fmt: skip
+    worse = {"size": 2.0, "against": 0.3, "hidden": 0.5, "lit": 0.3, "contour": 0.4, "margin": 0.0}
 
     def of(**changed):
         return probability(Measures(*(np.float64(v) for v in (usual | changed).values())), SCORINGS[kind])
