@@ -3,8 +3,8 @@
     python experiments/validation_bins.py [--out DIR] [--scenes N] [--parts NAME ...] [--seed S]
 
 A: Lambertian, direct light. B: light between the parts and the sensor's noise, three or four lights of told strengths.
-C: as B with a specular lobe, lights off by 1 degree and 2 % from what is told. Every scene has a second camera 120 mm to
-the right and a depth map of 0.3 mm noise. Needs the physics engine (extra `sim`). Scenes that exist already are kept.
+C: as B with a specular lobe, lights off by 1 degree and 2 % from what is told. Every scene has a second camera 120 mm
+to the right and a depth map of 0.3 mm noise. Needs the physics engine (extra `sim`). Scenes that are there are kept.
 """
 
 import argparse

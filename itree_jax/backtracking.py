@@ -38,12 +38,13 @@ class Beam:
     mass: float  # of the posterior, the likeliest first
     keep: tuple[int, ...]  # hypotheses per region after each round of refinement
     whole_dome: bool  # also attitudes that no rule of the tree named
+    least: float = 0.0  # of the usual area of the part's regions: smaller ones are left alone
 
 
 # The first attitude within reach of refinement comes before half of the mass in most regions that have one at all
 # (experiments/hypothesis_ranks.py): the first reading stops where three quarters are seen.
 FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False)
-DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True)
+DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
 
 
 def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
@@ -110,12 +111,12 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
 
 
 def explained(answers: list[Interpretation], shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
-    """Pixels that agree with a pose that is surely right, and those beside them."""
+    """Pixels of poses that are surely right, less what hides them, and those beside."""
     mask = np.zeros(shape, np.uint8)
     for answer in answers:
         support = answer.judged.support
         for h in answer.selection.accepted[answer.selection.score[answer.selection.accepted] > SURE]:
-            i, j = np.nonzero(support.pixels[h] > 0)
+            i, j = np.nonzero(support.pixels[h])  # what contradicts a sure pose is a reflection or a needle's error
             u, v = support.origin_uv[h].astype(int)
             rows, columns = v + support.stride * i, u + support.stride * j
             inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])

@@ -27,12 +27,13 @@ from itree_jax.refinement.hypotheses import (
 from itree_jax.refinement.likelihood import support
 from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
 from itree_jax.refinement.schedule import Round, Schedule
-from itree_jax.refinement.scoring import SCORINGS
+from itree_jax.refinement.scoring import SCORINGS, Scoring
 from itree_jax.refinement.select import Judged, Key, Selection, select_jointly, together
 from itree_jax.refinement.solids import share_space
 from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
+from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
@@ -103,14 +104,28 @@ def recognize_one(
     """One image under each light -> its detections. See `recognize`."""
     forest = as_forest(trees)
     start = time.perf_counter()
+    answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second)
+    return detections_of(answers, forest, sight, time.perf_counter() - start)
+
+
+def read_scene(
+    forest: PreparedForest,
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    second: SecondCamera | None = None,
+) -> tuple[list[Interpretation], Sight]:
+    """Looks, reads what the tree believes first, reads again with the response of the parts that were recognised, and
+    searches deeper where nothing was: all hypotheses with their verdicts, and what was seen.
+    """
     sight = look(images, sensor, depth, R_w2c, second)
     answers = read_sight(forest, images, sight, FIRST)
     responses = responses_of_parts(answers, sight) if depth is None else None  # a depth map has told it already
     if responses is not None:
         sight = look(images, sensor, depth, R_w2c, second, responses)
         answers = read_sight(forest, images, sight, FIRST)
-    answers = search_deeper(forest, images, sight, answers)
-    return detections_of(answers, forest, sight, time.perf_counter() - start)
+    return search_deeper(forest, images, sight, answers), sight
 
 
 def read_sight(
@@ -123,10 +138,16 @@ def read_sight(
     measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
     said = ask_root(forest, measured, found.count)
     answers = [
-        interpret(prepared, part, said, measured[prepared.pitch], sight, beam)
-        for part, prepared in enumerate(forest.trees) if said.left[:, part].any()
+        interpret(prepared, part, asked, said, measured[prepared.pitch], sight, beam)
+        for part, prepared in enumerate(forest.trees)
+        if len(asked := np.flatnonzero(said.left[:, part] & large_enough(found, prepared, beam.least)))
     ]
     return compete(answers, sight)
+
+
+def large_enough(found: Regions, prepared: Prepared, share: float) -> Bool[np.ndarray, "regions"]:
+    """Regions of at least this share of the part's usual area of a region."""
+    return found.area_mm2 >= share * float(np.median(prepared.tree.appearances.area))
 
 
 def search_deeper(
@@ -168,11 +189,11 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
 
 
 def interpret(
-    prepared: Prepared, part: int, said: RootAnswer, measured: Measured, sight: Sight, beam: Beam
+    prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], said: RootAnswer, measured: Measured, sight: Sight,
+    beam: Beam,
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, model, sensor = prepared.tree, prepared.model, sight.sensor
-    asked = np.flatnonzero(said.left[:, part])
     features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * model.reach)
     classification = classify(features, prepared.classification)
     candidates = determine(
@@ -181,7 +202,7 @@ def interpret(
     hypotheses = likeliest(as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam), beam.mass)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
     if beam.whole_dome:
-        large = asked[sight.found.area_mm2[asked] > LEAST_OPEN * np.median(tree.appearances.area)]
+        large = asked[large_enough(sight.found, prepared, LEAST_OPEN)[asked]]
         if len(large):
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
@@ -257,12 +278,14 @@ def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
     """Several parts looked for in one bin, or one bin read twice: a place goes to the pose that explains it best."""
     if len(answers) < 2:
         return answers
+    return [replace(a, selection=s) for a, s in zip(answers, selections(answers, sight, SCORINGS[sight.kind]), strict=True)]
+
+
+def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:
+    """Which hypotheses of all answers explain the scene together, and how probable each is."""
     collide = collisions([(a.prepared, a.hypotheses) for a in answers])
     camera = sight.sensor.camera
-    selections = select_jointly(
-        [a.judged for a in answers], (camera.height, camera.width), collide, SCORINGS[sight.kind]
-    )
-    return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
+    return select_jointly([a.judged for a in answers], (camera.height, camera.width), collide, scoring)
 
 
 def as_hypotheses(
