@@ -47,7 +47,7 @@ def equal_bins(
     score: Float[np.ndarray, "answers"], right: Bool[np.ndarray, "answers"], bins: int = BINS
 ) -> list[ScoreBin]:
     """Bins of equal width over 0..1; the last one holds its upper end."""
-    edges = np.arange(bins + 1) / bins
+    edges = [k / bins for k in range(bins + 1)]
     which = np.digitize(score, edges[1:-1])
     return [_bin(edges[k], edges[k + 1], score[which == k], right[which == k]) for k in range(bins)]
 
