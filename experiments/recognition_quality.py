@@ -153,7 +153,7 @@ def scene_cards(seen: SeenScene, said: Mapping[str, Any]) -> list[Card]:
     background = displayed(images.mean(axis=0), white_level(images))
     return [
         Card(
-            f, judged, failure_picture(background, f, judged, view, dict(parts.meshes)),
+            f, judged, failure_picture(background, f, judged, view, parts.meshes),
             answer_of(said, judged, f), [reason_of(said, r, seen.sight.found.height) for r in f.regions],
         )
         for f in failures_of(judged, parts.shapes, owner)
@@ -231,9 +231,10 @@ def write_groups(
         for what, pairs in (("regions", of_regions[name]), ("right answers", of_answers[name])):
             confusion = group_confusion(pairs, tree.groups.group_count)
             title = f"{tree.part.name} ({name}), {what}"
-            lines.append(f"{title}: {confusion_words(confusion)}")
+            words = confusion_words(confusion, with_left=what == "regions")
+            lines.append(f"{title}: {words}")
             if pairs:
-                tables.append(f"## {title}\n\n{confusion_words(confusion)}\n\n{confusion_table(confusion, labels)}")
+                tables.append(f"## {title}\n\n{words}\n\n{confusion_table(confusion, labels)}")
                 picture = standalone(confusion_picture(confusion, labels, title))
                 (out / f"groups_{name}_{what.replace(' ', '_')}.svg").write_text(picture)
     (out / "groups.md").write_text("\n".join(tables))

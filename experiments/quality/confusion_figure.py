@@ -73,11 +73,11 @@ def confusion_table(confusion: GroupConfusion, labels: Sequence[str]) -> str:
     return markdown_table(["true \\ named", *(f"`{labels[g]}`" for g in used), "right"], rows)
 
 
-def confusion_words(confusion: GroupConfusion) -> str:
-    """Shares with 95 % intervals, in one line."""
+def confusion_words(confusion: GroupConfusion, with_left: bool = True) -> str:
+    """Shares with 95 % intervals, in one line; of answers, which name one group, without those left."""
     if not confusion.first.total:
         return "nothing to compare"
-    return (
-        f"{confusion.first.total}: true group named {share_text(confusion.first)}, among those left "
-        f"{share_text(confusion.left)} of {confusion.left_count:.1f} groups on average"
-    )
+    words = f"{confusion.first.total}: true group named {share_text(confusion.first)}"
+    if with_left:
+        words += f", among those left {share_text(confusion.left)} of {confusion.left_count:.1f} groups on average"
+    return words

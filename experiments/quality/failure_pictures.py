@@ -1,49 +1,76 @@
-"""A crop of the image around one failure: as it is, and with the answered pose beside the true one."""
+"""A crop of the image around one failure: as it is, with the answered pose, and with the true one."""
 
+from collections.abc import Mapping
+
+import cv2
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
+from jaxtyping import Float
 
 from itree_jax.evaluation.judged import JudgedScene
-from itree_jax.report.palette import ORANGE
-from itree_jax.report.pose_pictures import Outlined, overlay
+from itree_jax.report.palette import BLACK, ORANGE, TRUTH
+from itree_jax.report.pose_pictures import Outlined, dashes, draw_creases, draw_silhouette, silhouettes
 from itree_jax.report.pose_render import RenderedPose, render_pose
 from itree_jax.report.scene_pictures import Picture, scaled
 from quality.failures import Failure
 from quality.seen_scene import TrueView
 
 AROUND = 14  # [px] of the image around the poses
-CROP_WIDTH = 360  # [px] of each of the two pictures, about
+CROP_WIDTH = 320  # [px] of each panel, about
+GAP = 6  # [px] between them
 MOST_SCALE = 5  # times: a part 20 px wide is not made larger than a poster
 BEHIND = 1.5  # [mm] that something must be nearer by to hide a contour: the depth map's noise, and a pose a little off
 Box = tuple[int, int, int, int]  # left, top, right, bottom [px]
 
 
 def failure_picture(
-    background: Picture, failure: Failure, judged: JudgedScene, view: TrueView, meshes: dict[int, RayMesh]
+    background: Picture, failure: Failure, judged: JudgedScene, view: TrueView, meshes: Mapping[int, RayMesh]
 ) -> Picture:
-    """The crop twice, side by side: on the right the answered pose in orange and the true one in dashed white.
+    """The crop side by side: as it is, with the answered pose in orange, with the true one in dashed white.
 
-    Contours are bold where the pose is seen among the true poses, thin where it would be behind one.
+    A pose that there is none of has no panel. Contours are bold where the pose is in front of the true poses, thin
+    where it would be behind one.
     """
-    camera, truth = judged.truth.camera, judged.truth
-    answered = true = None
+    camera, answers, truth = judged.truth.camera, judged.answers, judged.truth
+    poses = []
     if failure.answer is not None:
         k = failure.answer
-        answered = (meshes[int(judged.answers.obj_id[k])], judged.answers.R[k], judged.answers.t[k])
+        poses.append((meshes[int(answers.obj_id[k])], answers.R[k], answers.t[k], False))
     if failure.instance is not None:
         j = failure.instance
-        true = (meshes[int(truth.obj_id[j])], truth.pose.R[j], truth.pose.t[j])
-    shown = [render_pose(*pose, camera) for pose in (answered, true) if pose is not None]
+        poses.append((meshes[int(truth.obj_id[j])], truth.pose.R[j], truth.pose.t[j], True))
+    shown = [render_pose(*pose, camera) for *pose, _ in poses]
     left, top, right, bottom = box_around([pose for pose in shown if pose is not None], camera)
     scale = min(MOST_SCALE, max(1.0, CROP_WIDTH / (right - left)))
     window = camera.cropped(left, top, right - left, bottom - top)
     plain = scaled(background[top:bottom, left:right], scale)
-    answered, true = (None if pose is None else render_pose(*pose, window, scale) for pose in (answered, true))
-    lines = [] if answered is None else [Outlined(answered, "answer", ORANGE, BEHIND)]
-    contours = overlay(plain, lines, view.depth[top:bottom, left:right], [] if true is None else [true])
-    gap = np.full((plain.shape[0], 6, 3), 128, np.uint8)
-    return np.concatenate([plain, gap, contours], axis=1)
+    nearest = cv2.resize(
+        view.depth[top:bottom, left:right].astype(np.float32), plain.shape[1::-1], interpolation=cv2.INTER_NEAREST
+    )
+    panels = [plain]
+    for *pose, true in poses:
+        rendered = render_pose(*pose, window, scale)
+        panels += [np.full((plain.shape[0], GAP, 3), 128, np.uint8), with_contour(plain, rendered, nearest, true)]
+    return np.concatenate(panels, axis=1)
+
+
+def with_contour(
+    plain: Picture, pose: RenderedPose | None, nearest: Float[np.ndarray, "h w"], true: bool
+) -> Picture:
+    """A copy with the creases and the silhouette of a pose: dashed white of a true one, else orange."""
+    picture = plain.copy()
+    if pose is None:
+        return picture
+    if not true:
+        draw_creases(picture, pose, ORANGE, nearest, BEHIND)
+        draw_silhouette(picture, Outlined(pose, "", ORANGE, BEHIND), nearest, 2)
+        return picture
+    draw_creases(picture, pose, TRUTH, nearest, BEHIND)
+    lines = silhouettes(pose)
+    cv2.polylines(picture, lines, True, BLACK, 3, cv2.LINE_AA)
+    cv2.polylines(picture, [piece for line in lines for piece in dashes(line)], False, TRUTH, 2, cv2.LINE_AA)
+    return picture
 
 
 def box_around(poses: list[RenderedPose], camera: Camera) -> Box:

@@ -13,11 +13,11 @@ from itree_jax.report.markup import count_of, image, number, percent, swatches, 
 from itree_jax.report.palette import ORANGE, css
 from itree_jax.report.scene_pictures import Picture
 from quality.failures import Failure, Kind
-from quality.path_words import path_in_words
+from quality.path_words import against_count, path_in_words
 
 WORDS = {
     Kind.TURNED: "The part nearly repeats itself under this turn; a small feature should have told the two apart.",
-    Kind.OFF: "MSSD from 5 to 10 % of the diameter: the attitude is right, refinement stopped short of the pose.",
+    Kind.OFF: "The pose of a true part, but for 5 to 10 % of the diameter (MSSD).",
     Kind.ATTITUDE: "Its middle lies within a quarter of the diameter of a true part's, whose attitude is another.",
     Kind.SECOND: "Another answer with a better score has found the instance.",
     Kind.NOTHING: "No true part has its middle within a quarter of the diameter of the answer's.",
@@ -25,12 +25,16 @@ WORDS = {
     Kind.MISSED_WITHOUT_REGION: "Visible by 70 % or more, and no region lies on it for more than half of its pixels.",
 }
 STYLE = """<style>
-.failures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 560px), 1fr)); gap: 16px; }
-.failures article { margin: 0; }
-.failures article > img { display: block; width: 100%; max-height: 340px; object-fit: contain; object-position: left;
-  border-radius: 6px; margin: 8px 0; background: var(--soft); }
-.failures details { border: 0; padding: 0; margin: 6px 0 0; background: none; }
+.failures article { display: grid; grid-template-columns: minmax(0, 5fr) minmax(240px, 2fr); gap: 4px 20px; }
+.failures article h3 { grid-column: 1 / -1; margin: 0; }
+.failures article img { display: block; max-width: 100%; height: auto; border-radius: 6px; }
+.failures dl, .failures dl div { display: block; }
+.failures dt, .failures dd { display: inline; }
+.failures dt::after { content: " "; }
+.failures p { font-size: 0.88rem; margin: 6px 0; }
+.failures details { grid-column: 1 / -1; border: 0; padding: 0; margin: 0; background: none; }
 .failures details ol { margin: 0; padding-left: 20px; font-size: 0.85rem; }
+@media (max-width: 860px) { .failures article { grid-template-columns: 1fr; } }
 </style>"""
 
 
@@ -57,8 +61,8 @@ def gallery_body(title: str, scenes: Sequence[JudgedScene], cards: Sequence[Card
         (str(len(scenes)), "scenes"), (f"{wrong} of {answers}", "answers are wrong"),
         (f"{missed} of {visible}", "instances visible by 70 % or more are missed"), (str(len(cards)), "failures"),
     ])  # fmt: skip
-    key = swatches([(css(ORANGE), "answered pose, solid")]) + (
-        '<p class="muted">Dashed white: the true pose. A contour is thin where the pose would lie behind a true part. '
+    key = swatches([(css(ORANGE), "answered pose, solid"), ("#fff", "true pose, dashed")]) + (
+        '<p class="muted"> A contour is thin where the pose would lie behind a true part. '
         "MSSD is the largest displacement of a surface point, least over the symmetries; right means under 5 % of the "
         "diameter. A missed instance that a wrong answer is about is shown with that answer.</p>"
     )
@@ -114,8 +118,8 @@ def failure_card(card: Card) -> str:
     if failure.answer is not None and failure.instance is not None and failure.instance in judged.missed:
         also = '<span class="chip warn">the instance is missed</span>'
     return (
-        f'<article class="card"><h3>{text(where)} <span>{text(rest)}</span> {also}</h3>{picture}<dl>{cells}</dl>'
-        f"{why(card)}</article>"
+        f'<article class="card"><h3>{text(where)} <span>{text(rest)}</span> {also}</h3><div>{picture}</div>'
+        f"<div><dl>{cells}</dl>{said_of(card)}</div>{path_fold(card)}</article>"
     )
 
 
@@ -128,27 +132,34 @@ def facts(card: Card) -> list[tuple[str, str]]:
     if k is not None and j is not None:
         shown += [
             ("MSSD", percent(judged.errors.mssd[k, j]) + " of the diameter"),
-            ("rotation", f"{number(np.degrees(judged.errors.rotation[k, j]))}°"),
-            ("position", f"{number(judged.errors.translation[k, j])} mm"),
+            ("rotation", f"{number(np.degrees(judged.errors.rotation[k, j]))}° off"),
+            ("position", f"{number(judged.errors.translation[k, j])} mm off"),
         ]
     if j is not None:
         shown.append(("visible", percent(judged.truth.visible[j], 0)))
     if card.answer is not None:
         pixels = card.answer["pixels"]
-        shown.append((
-            "pixels", f"{pixels['agreeing']} agree, {pixels['contradicting']} contradict, {pixels['hidden']} hidden"
-        ))  # fmt: skip
+        shown += [("px that agree", str(pixels["agreeing"])), ("px that contradict", str(pixels["contradicting"])),
+                  ("px hidden", str(pixels["hidden"]))]  # fmt: skip
     return shown
 
 
-def why(card: Card) -> str:
-    """The decision path of an answer; the reasons of the regions on a missed instance."""
+def said_of(card: Card) -> str:
+    """What else an answer may be; the reasons of the regions on a missed instance."""
     if card.failure.answer is None:
         return "".join(f"<p>{text(reason)}</p>" for reason in card.reasons)
     if card.answer is None:
         return '<p class="muted">The JSON has no such answer.</p>'
-    steps = path_in_words(card.answer["decision_path"])
     others = len(card.answer["equivalents"])
-    same = f"<p>{count_of(others, 'other pose is', 'other poses are')} said to look the same.</p>" if others else ""
+    return f"<p>{count_of(others, 'other pose is', 'other poses are')} said to look the same.</p>" if others else ""
+
+
+def path_fold(card: Card) -> str:
+    """The decision path of an answer."""
+    if card.answer is None:
+        return ""
+    steps = path_in_words(card.answer["decision_path"])
+    against = against_count(card.answer["decision_path"])
+    words = f", {against} against the rule" if against else ""
     items = "".join(f"<li>{step}</li>" for step in steps)
-    return f"{same}<details><summary>decision path, {count_of(len(steps), 'step')}</summary><ol>{items}</ol></details>"
+    return f"<details><summary>decision path, {count_of(len(steps), 'step')}{words}</summary><ol>{items}</ol></details>"

@@ -7,7 +7,7 @@ from itree_jax.report.markup import number, text
 from itree_jax.report.palette import BLUE, VERMILLION, Rgb, css
 
 SIDE = 360.0  # [px] of the diagram, a square
-LEFT, TOP = 62.0, 64.0  # [px] room for the axis and the legend
+LEFT, TOP = 78.0, 64.0  # [px] room for the axis and the legend
 COUNTS = 64.0  # [px] height of the histogram
 GAP, BOTTOM = 16.0, 44.0  # [px]
 WIDTH, HEIGHT = LEFT + SIDE + 18.0, TOP + SIDE + GAP + COUNTS + BOTTOM
@@ -94,8 +94,8 @@ def histogram(bins: Sequence[ScoreBin]) -> str:
         )
     return (
         f'{"".join(bars)}<path class="axis" d="M{LEFT:.0f} {floor:.1f}h{SIDE:.0f}"/>'
-        f'<text class="end small" x="{LEFT - 7:.0f}" y="{floor - COUNTS / 2:.0f}">answers</text>'
-        f'<text class="end small" x="{LEFT - 7:.0f}" y="{floor - COUNTS / 2 + 12:.0f}">(foot: wrong)</text>'
+        f'<text class="end small" x="{LEFT - 7:.0f}" y="{floor - COUNTS / 2:.0f}">answers;</text>'
+        f'<text class="end small" x="{LEFT - 7:.0f}" y="{floor - COUNTS / 2 + 12:.0f}">foot: wrong</text>'
         f'<text class="middle" x="{LEFT + SIDE / 2:.0f}" y="{floor + 34:.0f}">score</text>'
     )
 

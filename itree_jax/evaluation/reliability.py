@@ -58,7 +58,7 @@ def equal_count_bins(
     """Bins of equally many answers, by rising score; fewer bins where there are fewer answers."""
     order = np.argsort(score, kind="stable")
     parts = np.array_split(order, min(bins, len(order))) if len(order) else []
-    return [_bin(score[p[0]], score[p[-1]], score[p], right[p]) for p in parts]
+    return [_bin(float(score[p[0]]), float(score[p[-1]]), score[p], right[p]) for p in parts]
 
 
 def calibration_error(bins: Sequence[ScoreBin]) -> float | None:
@@ -82,4 +82,4 @@ def score_thresholds(answers: ScoredAnswers, thresholds: Sequence[float] = THRES
 
 def _bin(low: float, high: float, score: Float[np.ndarray, "n"], right: Bool[np.ndarray, "n"]) -> ScoreBin:
     mean = float(score.mean()) if len(score) else None
-    return ScoreBin(float(low), float(high), mean, Rate(int(right.sum()), len(right)))
+    return ScoreBin(low, high, mean, Rate(int(right.sum()), len(right)))
