@@ -14,13 +14,12 @@ from itree_jax.report.pose_pictures import Outlined, dashes, draw_creases, draw_
 from itree_jax.report.pose_render import RenderedPose, render_pose
 from itree_jax.report.scene_pictures import Picture, scaled
 from quality.failures import Failure
-from quality.seen_scene import TrueView
+from quality.true_view import BEHIND, TrueView
 
 AROUND = 14  # [px] of the image around the poses
 CROP_WIDTH = 320  # [px] of each panel, about
 GAP = 6  # [px] between them
 MOST_SCALE = 5  # times: a part 20 px wide is not made larger than a poster
-BEHIND = 1.5  # [mm] that something must be nearer by to hide a contour: the depth map's noise, and a pose a little off
 Box = tuple[int, int, int, int]  # left, top, right, bottom [px]
 
 

@@ -16,7 +16,7 @@ from itree_jax.refinement.hypotheses import near_symmetries
 
 # A pose turned by a near symmetry slides until most of what it shows fits, by up to about a wall's thickness.
 TURNED_WITHIN = 0.15  # of the diameter, MSSD to a true pose under the turn
-SAME_PLACE = 0.25  # of the diameter, between the middles: poses farther apart share less than half of their space
+SAME_PLACE = 0.5  # of what an answer shows: more than half of it lies on the true part that it is about
 NO_INSTANCE = -1
 
 
@@ -38,7 +38,6 @@ class Shape:
 
     diameter: float  # [mm]
     hull: Float[np.ndarray, "points 3"]  # vertices of the convex hull [mm]
-    middle: Float[np.ndarray, "3"]  # of the box around it [mm]
     turns: Float[np.ndarray, "turns 4 4"]  # near symmetries, model -> model [mm]
 
 
@@ -50,34 +49,35 @@ class Failure:
     kind: Kind
     answer: int | None  # row among the scene's answers
     instance: int | None  # the true pose that it is about; None where nothing is there
-    regions: tuple[int, ...] = ()  # of a missed instance: those that lie on it
 
 
 def part_shape(part: Part) -> Shape:
     vertices = np.asarray(part.vertices, float)
     hull = vertices[ConvexHull(vertices).vertices]
-    middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
     turns = near_symmetries(part.vertices, part.triangles).reshape(-1, 4, 4)
-    return Shape(float(part.diameter), hull, middle, turns)
+    return Shape(float(part.diameter), hull, turns)
 
 
 def failures_of(
-    judged: JudgedScene, shapes: Mapping[int, Shape], owner: Int[np.ndarray, "regions"] | None = None
+    judged: JudgedScene, shapes: Mapping[int, Shape], lies_on: Float[np.ndarray, "answers instances"],
+    owner: Int[np.ndarray, "regions"],
 ) -> list[Failure]:
     """Every wrong answer of a scene by falling score, and every missed instance that none of them is about.
 
     Args:
-        owner: instance that each region of the scene lies on, -1 none; None where the regions are not known, and a
-            missed instance then counts as one without a region.
+        lies_on: share of what each answer shows that lies on each instance.
+        owner: instance that each region of the scene lies on, -1 none.
     """
     wrong = np.flatnonzero(~judged.right)
     wrong = wrong[np.argsort(-judged.answers.score[wrong], kind="stable")]
-    found = [wrong_answer(judged, int(k), shapes[int(judged.answers.obj_id[k])]) for k in wrong]
+    found = [wrong_answer(judged, int(k), shapes[int(judged.answers.obj_id[k])], lies_on[k]) for k in wrong]
     told = {f.instance for f in found if f.kind is not Kind.SECOND}
     return found + [missed_instance(judged, int(j), owner) for j in judged.missed if j not in told]
 
 
-def wrong_answer(judged: JudgedScene, k: int, shape: Shape) -> Failure:
+def wrong_answer(
+    judged: JudgedScene, k: int, shape: Shape, lies_on: Float[np.ndarray, "instances"]
+) -> Failure:
     """Which kind of wrong answer `k` is; of the nearest true poses those that nothing found come first."""
     scene = judged.truth.scene_id
     mine = np.flatnonzero(judged.truth.obj_id == judged.answers.obj_id[k])
@@ -98,7 +98,7 @@ def wrong_answer(judged: JudgedScene, k: int, shape: Shape) -> Failure:
         (Kind.SECOND, judged.errors.mssd[k, mine], STRICT),
         (Kind.OFF, judged.errors.mssd[k, mine], LOOSE),
         (Kind.TURNED, turned_distance(R, t, true, shape), TURNED_WITHIN),
-        (Kind.ATTITUDE, middle_distance(R, t, true, shape), SAME_PLACE),
+        (Kind.ATTITUDE, 1.0 - lies_on[mine], 1.0 - SAME_PLACE),
     )
     for kind, distance, limit in tries:
         instance = nearest(distance, limit)
@@ -119,15 +119,7 @@ def turned_distance(
     return np.linalg.norm(in_camera - answered, axis=-1).max(axis=-1).min(axis=-1) / shape.diameter
 
 
-def middle_distance(
-    R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], true: Pose, shape: Shape
-) -> Float[np.ndarray, "instances"]:
-    """From the middle of the answered pose to that of each true one, as one of the diameter."""
-    return np.linalg.norm(true.R @ shape.middle + true.t - (R @ shape.middle + t), axis=-1) / shape.diameter
-
-
-def missed_instance(judged: JudgedScene, j: int, owner: Int[np.ndarray, "regions"] | None) -> Failure:
-    """With the regions that lie on it."""
-    regions = () if owner is None else tuple(np.flatnonzero(owner == j).tolist())
-    kind = Kind.MISSED_WITH_REGION if regions else Kind.MISSED_WITHOUT_REGION
-    return Failure(judged.truth.scene_id, kind, None, j, regions)
+def missed_instance(judged: JudgedScene, j: int, owner: Int[np.ndarray, "regions"]) -> Failure:
+    """With a region that lies on it, or without."""
+    kind = Kind.MISSED_WITH_REGION if (owner == j).any() else Kind.MISSED_WITHOUT_REGION
+    return Failure(judged.truth.scene_id, kind, None, j)

@@ -18,11 +18,11 @@ from quality.path_words import against_count, path_in_words
 WORDS = {
     Kind.TURNED: "The part nearly repeats itself under this turn; a small feature should have told the two apart.",
     Kind.OFF: "The pose of a true part, but for 5 to 10 % of the diameter (MSSD).",
-    Kind.ATTITUDE: "Its middle lies within a quarter of the diameter of a true part's, whose attitude is another.",
+    Kind.ATTITUDE: "More than half of what the answer shows lies on a true part, whose attitude is another.",
     Kind.SECOND: "Another answer with a better score has found the instance.",
-    Kind.NOTHING: "No true part has its middle within a quarter of the diameter of the answer's.",
-    Kind.MISSED_WITH_REGION: "Visible by 70 % or more; a region lies on it, and none of its hypotheses was accepted.",
-    Kind.MISSED_WITHOUT_REGION: "Visible by 70 % or more, and no region lies on it for more than half of its pixels.",
+    Kind.NOTHING: "No true part has more than half of what the answer shows.",
+    Kind.MISSED_WITH_REGION: "Visible by 70 % or more; more than half of a region lies on it.",
+    Kind.MISSED_WITHOUT_REGION: "Visible by 70 % or more; no region has more than half of its pixels on it.",
 }
 STYLE = """<style>
 .failures article { display: grid; grid-template-columns: minmax(0, 5fr) minmax(240px, 2fr); gap: 4px 20px; }

@@ -22,7 +22,8 @@ def step_in_words(step: Step) -> str:
     if "taken" in said:
         words.append(f"{text(said['taken'])} side")
     if step["margin"] is not None:
-        against = ', <span class="chip warn">against this rule</span>' if step["margin"] < 0 else ""
+        note = "against this rule" if "taken" in said else "a rival has more"
+        against = f', <span class="chip warn">{note}</span>' if step["margin"] < 0 else ""
         words.append(f"margin {number(step['margin'], 2)} nat{against}")
     if said.get("error_rate") is not None:
         words.append(f"errs in {percent(said['error_rate'], 0)}")
