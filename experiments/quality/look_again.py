@@ -77,11 +77,17 @@ def load_parts(dataset: Path, trees: tuple[Path, ...]) -> Parts:
 def look_again(dataset: Path, judged: JudgedScene, said: Said, parts: Parts, depth: str) -> SeenScene:
     """`depth` says where depth came from, as `itree recognize --depth` does.
 
-    Without trees, the limits and the noise that a scene folder can't tell are the defaults.
+    Without a tree for a scene's objects and number of lights, the limits and the noise that a scene folder can't tell
+    are the defaults.
     """
     folder = dataset / "test" / f"{judged.truth.scene_id:06d}"
-    there = {name: p for name, p in parts.trees.items() if p.tree.obj_id in judged.truth.obj_id}
-    scene, used = load_with_trees(folder, list(there.values())) if there else (load_scene(folder), [])
+    scene, used = load_scene(folder), []
+    there = {
+        name: p for name, p in parts.trees.items()
+        if p.tree.obj_id in judged.truth.obj_id and p.tree.sensor.light_count == scene.sensor.light_count
+    }
+    if there:
+        scene, used = load_with_trees(folder, list(there.values()))
     scene, second = with_depth_from(depth, scene, used[0].tree.sensor if used else scene.sensor)
     sight = look(scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
     fitting = {name: p for name, p in there.items() if any(p is u for u in used)}
