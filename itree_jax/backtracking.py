@@ -26,6 +26,7 @@ from itree_jax.tree.representative import roll_rotation
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller ones aren't worth every attitude
+MOST_OPEN = 8  # regions at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 ROLLS = 15  # of each of the dome's 60 views: 24 degrees apart, as the views are
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
@@ -43,7 +44,7 @@ class Beam:
 
 # The first attitude within reach of refinement comes before half of the mass in most regions that have one at all
 # (experiments/hypothesis_ranks.py): the first reading stops where three quarters are seen.
-FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False)
+FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False, least=0.15)
 DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
 
 

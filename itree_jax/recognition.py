@@ -10,7 +10,7 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation, best_reason, describe
-from itree_jax.backtracking import DEEP, FIRST, LEAST_OPEN, PLACING_SIZE, Beam, every_attitude, left_over, likeliest
+from itree_jax.backtracking import DEEP, FIRST, LEAST_OPEN, MOST_OPEN, PLACING_SIZE, Beam, every_attitude, left_over, likeliest
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_response import responses_of_parts
@@ -203,6 +203,7 @@ def interpret(
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
     if beam.whole_dome:
         large = asked[large_enough(sight.found, prepared, LEAST_OPEN)[asked]]
+        large = np.sort(large[np.argsort(-sight.found.area_mm2[large], kind="stable")][:MOST_OPEN])
         if len(large):
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
@@ -278,7 +279,8 @@ def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
     """Several parts looked for in one bin, or one bin read twice: a place goes to the pose that explains it best."""
     if len(answers) < 2:
         return answers
-    return [replace(a, selection=s) for a, s in zip(answers, selections(answers, sight, SCORINGS[sight.kind]), strict=True)]
+    chosen = selections(answers, sight, SCORINGS[sight.kind])
+    return [replace(a, selection=s) for a, s in zip(answers, chosen, strict=True)]
 
 
 def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:

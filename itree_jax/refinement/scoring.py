@@ -58,6 +58,6 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 # Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.
 SCORINGS = {
     "depth": Scoring((0.342, 0.054, -0.489, -3.742, 2.211, 0.069, 4.003, 0.0, 1.386, 3.532), -11.987, 0.6),
-    "stereo": Scoring((0.342, 0.054, -0.489, -3.742, 2.211, 0.069, 4.003, 0.0, 1.386, 3.532), -11.987, 0.3),
-    "none": Scoring((0.342, 0.054, -0.489, -3.742, 2.211, 0.069, 4.003, 0.0, 1.386, 3.532), -11.987, 0.3),
+    "stereo": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
+    "none": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
 }
