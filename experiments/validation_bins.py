@@ -26,7 +26,7 @@ from itree_jax.simulate.dataset import write_model
 from itree_jax.simulate.imaging import LOOKS, ImageNoise, Look, image_bin
 from itree_jax.simulate.settle import settle
 
-SECOND_CAMERA = 120.0  # [mm] to the right
+ASIDE = (-60.0, 60.0)  # [mm] of the two cameras from the middle of the bin: both see all of it
 FEWEST, MOST = 5, 14  # parts dropped
 LIGHT_TILT, LIGHT_STRENGTH = np.radians(1.0), 0.02  # how far level C's lights are off what is told
 TOLD_STRENGTHS = (0.85, 1.15)  # of level B and C
@@ -44,14 +44,14 @@ class Config:
 def main(config: Config) -> None:
     """Writes the data set; `scenes.json` tells part and level of each scene."""
     records: dict[str, Any] = {}
-    for name in config.parts:
-        obj_id = object_number(name)
-        part = forest_part(name)
+    parts = {object_number(name): forest_part(name) for name in config.parts}
+    for obj_id, part in parts.items():
         write_model(part, obj_id, config.out / "models")
-        for number in range(1, config.scenes + 1):
+    for number in range(1, config.scenes + 1):
+        for obj_id, part in parts.items():
             scene_id = 100 * obj_id + number
             records[f"{scene_id:06d}"] = make_scene(part, obj_id, scene_id, number, config)
-            print(f"{name} {number} / {config.scenes}", flush=True)
+        print(f"{number} of {config.scenes} scenes of each part", flush=True)
     path = config.out / "scenes.json"
     known = json.loads(path.read_text()) if path.is_file() else {}
     path.write_text(json.dumps(dict(sorted((known | records).items())), indent=1) + "\n")
@@ -97,7 +97,7 @@ def make_scene(part: Part, obj_id: int, scene_id: int, number: int, config: Conf
         image_bin(
             part, T_bin_obj, bin_, true, look, noise, seed=seed, scene_id=scene_id, obj_id=obj_id, aside=aside, im_id=k
         )
-        for k, (seed, aside) in enumerate(zip(seeds[1:], (0.0, SECOND_CAMERA), strict=True))
+        for k, (seed, aside) in enumerate(zip(seeds[1:], ASIDE, strict=True))
     ]
     (left, truth), (right, _) = views
     folder.parent.mkdir(parents=True, exist_ok=True)
