@@ -6,7 +6,7 @@ Needles against truth within the parts' pixels, and poses against truth, by two 
 map. Each is read as it is, and again without reflected light; this is predicted from the true poses (the upper bound),
 from those of the parts that are visible by half, and from these same parts' poses as refined on the first reading.
 Poses start at the truth and go through the last round of refinement, so that their errors are those of what is seen.
-The material's response is fitted as recognition does it: to the depth map, or to the poses of the parts.
+The material's response is fitted as recognition does it: to the depth map, or to poses as refined on the first reading.
 
 Made for the simulated bins of `validation_bins.py`. A scene that is measured already is not measured again.
 """
@@ -114,30 +114,21 @@ def measured(case: Case) -> dict[str, Any]:
 
 def readings(case: Case, way: str) -> Iterator[tuple[str, Sight, Hypotheses]]:
     """Each reading with what it shows and how it refines the visible parts' poses."""
-    model = refine_model(case)
+    model, scene = refine_model(case), case.scene
     seen = Hypotheses(*(a[case.visible] for a in case.poses))
-    raw, sight = seen_by(case, way, case.scene.images, case.second, answers_of(case, seen))
-    refined = refined_from(seen, model, sight)
-    yield READINGS[0], sight, refined
-    for reading, known in zip(READINGS[1:], (case.poses, seen, refined), strict=True):
-        answers = answers_of(case, known)
-        without = subtract_reflections(case.scene.images, answers, raw, case.second if way == "stereo" else None)
-        images, second = (case.scene.images, case.second) if without is None else without
-        _, again = seen_by(case, way, images, second, answers_of(case, refined if known is refined else seen))
-        yield reading, again, refined_from(seen, model, again)
-
-
-def seen_by(
-    case: Case, way: str, images: np.ndarray, second: SecondCamera | None, answers: Sequence[Any]
-) -> tuple[Sight, Sight]:
-    """What is seen before and after the material's response is known."""
-    scene = case.scene
-    depth, second = (scene.depth, None) if way == "depth" else (None, second)
-    sight = look(images, scene.sensor, depth, scene.R_w2c, second)
-    responses = responses_of_parts(answers, sight) if depth is None else None
-    if responses is None:
-        return sight, sight
-    return sight, look(images, scene.sensor, depth, scene.R_w2c, second, responses)
+    depth, second = (scene.depth, None) if way == "depth" else (None, case.second)
+    first = look(scene.images, scene.sensor, depth, scene.R_w2c, second)
+    refined = refined_from(seen, model, first)
+    for reading, known in zip(READINGS, (None, case.poses, seen, refined), strict=True):
+        images, other = scene.images, second
+        if known is not None:
+            without = subtract_reflections(images, answers_of(case, known), first, second)
+            images, other = (images, second) if without is None else without
+        sight = first if known is None else look(images, scene.sensor, depth, scene.R_w2c, other)
+        responses = responses_of_parts(answers_of(case, refined), sight) if depth is None else None
+        if responses is not None:
+            sight = look(images, scene.sensor, depth, scene.R_w2c, other, responses)
+        yield reading, sight, refined_from(seen, model, sight)
 
 
 def answers_of(case: Case, poses: Hypotheses) -> list[Any]:

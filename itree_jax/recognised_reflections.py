@@ -23,12 +23,13 @@ from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 from itree_jax.stereo.second_camera import SecondCamera
 
-PATHS = 8  # per pixel, averaged over some 40 pixels of its face: 0.3 % of full albedo, a tenth of what is subtracted
+PATHS = 8  # per pixel, averaged over some 40 pixels of its face: 5 % of what is predicted where half of them hit a part
 REACH = 3  # [px] of that average: reflected light changes over millimetres, and a pixel is half of one
 ONE_FACE = float(np.cos(np.radians(12.0)))  # neighbours whose normals differ by less see the same surroundings
 BORDER = 2  # [px]: a pose's shadow ends anywhere about there
 LEAST_LIGHT = 0.005  # of full scale: ten times a camera's read noise; less tells no strength
 LEAST_PIXELS = 200  # in shadow: single ones scatter by half of what is predicted, their median then by 5 %
+LEAST_STRENGTH = 0.05  # of what is predicted: shadows are black then, and reading them again would change nothing
 
 
 def subtract_reflections(
@@ -39,8 +40,8 @@ def subtract_reflections(
 ) -> tuple[Float[np.ndarray, "lights height width"], SecondCamera | None] | None:
     """The images of one camera or two without the light that recognised parts throw onto one another and themselves.
 
-    None where no part is recognised, or their shadows do not tell how strong it is (`strength_in_shadows`). Light from
-    the bin and from parts that were not recognised stays in.
+    `second` is what the second camera saw, where `sight` is of two. None where no part is recognised, or their shadows
+    tell of no such light (`strength_in_shadows`). Light from the bin and from parts that were not recognised stays in.
     """
     bodies, R, t = posed_bodies(answers)
     if not bodies or sight.sensor.is_depth_camera:
@@ -93,7 +94,7 @@ def strength_in_shadows(
     images: Float[np.ndarray, "lights height width"], light: Float[np.ndarray, "lights height width"], shown: LitScene
 ) -> float | None:
     """By how much predicted light is to be multiplied: the median of seen over predicted light in the parts' shadows,
-    each pixel weighted by what is predicted. None where shadows are too few.
+    each pixel weighted by what is predicted. None where shadows are too few, or black.
 
     At most 1: highlights and reflected light only add to the albedo that the prediction was made with.
     """
@@ -107,7 +108,8 @@ def strength_in_shadows(
     order = np.argsort(seen / expected, kind="stable")
     below = np.cumsum(expected[order])
     middle = order[np.searchsorted(below, 0.5 * below[-1])]
-    return min(float(seen[middle] / expected[middle]), 1.0)
+    strength = float(seen[middle] / expected[middle])
+    return min(strength, 1.0) if strength > LEAST_STRENGTH else None
 
 
 def mean_over_face(
@@ -128,7 +130,7 @@ def mean_over_face(
 def _shifted(down: int, right: int, shape: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """Slices of the pixels that have a neighbour so far down and to the right [px], and of these neighbours."""
     pairs = [
-        (slice(max(0, -by), size - max(0, by)), slice(max(0, by), size - max(0, -by)))
+        (slice(max(0, -by), max(0, size - by)), slice(max(0, by), max(0, size + by)))
         for by, size in zip((down, right), shape, strict=True)
     ]
     return (pairs[0][0], pairs[1][0]), (pairs[0][1], pairs[1][1])
