@@ -1,6 +1,7 @@
 """What light between the parts costs, and what is left of it once it is predicted from their poses and subtracted.
 
     python experiments/reflections.py [--dataset DATASET] [--out DIR] [--scenes NUMBER ...] [--levels A B C]
+                                      [--ways stereo depth]
 
 Needles against truth within the parts' pixels, and poses against truth, by two ways of seeing: two cameras, and a depth
 map. Each is read as it is, and again without reflected light; this is predicted from the true poses (the upper bound),
@@ -50,6 +51,7 @@ class Config:
     out: Path = Path("out/reflections")
     scenes: tuple[int, ...] = ()  # none: all
     levels: tuple[str, ...] = ("B", "C")
+    ways: tuple[str, ...] = WAYS
 
 
 @dataclass(frozen=True)
@@ -68,17 +70,18 @@ class Case:
 
 
 def main(config: Config) -> None:
-    """Writes a file per scene and `table.md` into `config.out`, and prints the tables."""
+    """Writes a file per scene and way, and `table.md` into `config.out`, and prints the tables."""
     config.out.mkdir(parents=True, exist_ok=True)
     records = json.loads((config.dataset / "scenes.json").read_text())
     models, rows = load_models(config.dataset), []
     for name, record in records.items():
         if record["level"] not in config.levels or (config.scenes and int(name) not in config.scenes):
             continue
-        path = config.out / f"{name}.json"
-        if not path.is_file():
-            path.write_text(json.dumps(measured(case_of(config.dataset, name, record, models))) + "\n")
-        rows.append(json.loads(path.read_text()))
+        for way in config.ways:
+            path = config.out / f"{name}_{way}.json"
+            if not path.is_file():
+                path.write_text(json.dumps(measured(case_of(config.dataset, name, record, models), way)) + "\n")
+            rows.append(json.loads(path.read_text()))
     text = needle_table(rows) + "\n" + pose_table(rows)
     (config.out / "table.md").write_text(text)
     print(text)
@@ -102,14 +105,13 @@ def case_of(dataset: Path, name: str, record: dict[str, Any], models: dict[int, 
     return Case(group, scene, second, mesh, models[obj_id], Hypotheses(R, t), visible, shown.normal, part)
 
 
-def measured(case: Case) -> dict[str, Any]:
-    """Needle and pose errors of one scene, by way of seeing and reading."""
+def measured(case: Case, way: str) -> dict[str, Any]:
+    """Needle and pose errors of one scene seen one way, by reading."""
     needles, poses = {}, {}
-    for way in WAYS:
-        for reading, sight, refined in readings(case, way):
-            needles[f"{way} | {reading}"] = needle_errors(case, sight.needle)
-            poses[f"{way} | {reading}"] = [e.tolist() for e in errors_of(case, refined)]
-    return {"group": case.group, "needles": needles, "poses": poses}
+    for reading, sight, refined in readings(case, way):
+        needles[reading] = needle_errors(case, sight.needle)
+        poses[reading] = [e.tolist() for e in errors_of(case, refined)]
+    return {"group": case.group, "way": way, "needles": needles, "poses": poses}
 
 
 def readings(case: Case, way: str) -> Iterator[tuple[str, Sight, Hypotheses]]:
@@ -176,7 +178,7 @@ def errors_of(case: Case, poses: Hypotheses) -> tuple[np.ndarray, np.ndarray]:
 def needle_table(rows: Sequence[dict[str, Any]]) -> str:
     lines = ["| level | way | reflected light from | median | 90 % | over 10 deg | answered |", "|---" * 7 + "|"]
     for group, way, reading, some in cells(rows):
-        found = [row["needles"][f"{way} | {reading}"] for row in some]
+        found = [row["needles"][reading] for row in some]
         angle = np.concatenate([np.repeat(f["angle"], f["count"]) for f in found]) / 100.0
         lines.append(
             f"| {group} ({len(some)} scenes) | {way} | {reading} | {np.median(angle):.2f} deg "
@@ -190,8 +192,8 @@ def pose_table(rows: Sequence[dict[str, Any]]) -> str:
     lines = ["| level | way | reflected light from | rotation | 90 % | position | 90 % | nearer than as read |"]
     lines.append("|---" * 8 + "|")
     for group, way, reading, some in cells(rows):
-        turned, moved = (np.concatenate([row["poses"][f"{way} | {reading}"][k] for row in some]) for k in (0, 1))
-        before = np.concatenate([row["poses"][f"{way} | {READINGS[0]}"][0] for row in some])
+        turned, moved = (np.concatenate([row["poses"][reading][k] for row in some]) for k in (0, 1))
+        before = np.concatenate([row["poses"][READINGS[0]][0] for row in some])
         lines.append(
             f"| {group} ({len(turned)} parts) | {way} | {reading} | {np.median(turned):.3f} deg "
             f"| {np.percentile(turned, 90.0):.2f} deg | {np.median(moved):.3f} mm "
@@ -202,10 +204,10 @@ def pose_table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def cells(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[str, str, str, list[dict[str, Any]]]]:
-    for group in sorted({row["group"] for row in rows}):
-        for way in WAYS:
-            for reading in READINGS:
-                yield group, way, reading, [row for row in rows if row["group"] == group]
+    keys = {(row["group"], row["way"]) for row in rows}
+    for group, way in sorted(keys, key=lambda key: (key[0], WAYS.index(key[1]))):
+        for reading in READINGS:
+            yield group, way, reading, [row for row in rows if (row["group"], row["way"]) == (group, way)]
 
 
 if __name__ == "__main__":
@@ -214,5 +216,6 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, default=Config.out)
     parser.add_argument("--scenes", type=int, nargs="+", default=Config.scenes)
     parser.add_argument("--levels", nargs="+", choices=["A", "B", "C"], default=Config.levels)
+    parser.add_argument("--ways", nargs="+", choices=WAYS, default=Config.ways)
     given = vars(parser.parse_args())
     main(replace(Config(), **given))
