@@ -10,7 +10,17 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation, best_reason, describe
-from itree_jax.backtracking import DEEP, FIRST, LEAST_OPEN, MOST_OPEN, PLACING_SIZE, Beam, every_attitude, left_over, likeliest
+from itree_jax.backtracking import (
+    DEEP,
+    FIRST,
+    LEAST_OPEN,
+    MOST_OPEN,
+    PLACING_SIZE,
+    Beam,
+    every_attitude,
+    left_over,
+    likeliest,
+)
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_response import responses_of_parts
