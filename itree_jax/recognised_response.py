@@ -24,20 +24,28 @@ def responses_of_parts(answers: Sequence[Interpretation], sight: Sight) -> list[
     Poses were found under the response used so far and lean toward it; the fit is robust, and kept only if it is
     nearer to the poses' normals in pixels that it was not fitted on.
     """
-    bodies = [(a, int(h)) for a in answers for h in a.selection.accepted if a.selection.score[h] >= LEAST_SCORE]
+    bodies, R, t = posed_bodies(answers)
     if len(bodies) < LEAST_PARTS:
         return None
-    R = np.stack([np.asarray(a.hypotheses.poses.R_cam_obj[h], float) for a, h in bodies])
-    t = np.stack([np.asarray(a.hypotheses.poses.t_cam_obj[h], float) for a, h in bodies])
     views = [(sight.needle, sight.sensor.camera, R, t)]
     views += [
         (needle, view.camera, *view.poses(R, t)) for needle, view in zip(sight.beside, sight.others, strict=True)
     ]
     found = []
     for needle, camera, R_view, t_view in views:
-        normals, known = shown_normals([a for a, _ in bodies], R_view, t_view, camera)
+        normals, known = shown_normals(bodies, R_view, t_view, camera)
         found.append(fit_response(needle, normals, known))
     return None if all(response.is_lambertian for response in found) else found
+
+
+def posed_bodies(
+    answers: Sequence[Interpretation],
+) -> tuple[list[Interpretation], Float[np.ndarray, "parts 3 3"], Float[np.ndarray, "parts 3"]]:
+    """The accepted poses that are believed, part -> camera [mm], and the answer that each comes from."""
+    bodies = [(a, int(h)) for a in answers for h in a.selection.accepted if a.selection.score[h] >= LEAST_SCORE]
+    R = [np.asarray(a.hypotheses.poses.R_cam_obj[h], float) for a, h in bodies]
+    t = [np.asarray(a.hypotheses.poses.t_cam_obj[h], float) for a, h in bodies]
+    return [a for a, _ in bodies], np.reshape(R, (-1, 3, 3)), np.reshape(t, (-1, 3))
 
 
 def shown_normals(
