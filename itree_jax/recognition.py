@@ -23,6 +23,7 @@ from itree_jax.backtracking import (
 )
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
+from itree_jax.recognised_reflections import subtract_reflections
 from itree_jax.recognised_response import responses_of_parts
 from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import (
@@ -126,16 +127,49 @@ def read_scene(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
 ) -> tuple[list[Interpretation], Sight]:
-    """Looks, reads what the tree believes first, reads again with the response of the parts that were recognised, and
-    searches deeper where nothing was: all hypotheses with their verdicts, and what was seen.
+    """Looks, reads what the tree believes first, looks again with what the recognised parts tell of their material and
+    the light between them, and searches deeper where nothing was. Returns all hypotheses with their verdicts, and what
+    was seen.
     """
     sight = look(images, sensor, depth, R_w2c, second)
     answers = read_sight(forest, images, sight, FIRST)
-    responses = responses_of_parts(answers, sight) if depth is None else None  # a depth map has told it already
+    before = sight
+    images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
+    again = answers if sight is before else compete([seen_again(a, sight) for a in answers], sight)
+    return search_deeper(forest, images, sight, again), sight
+
+
+def look_again(
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None,
+    second: SecondCamera | None,
+    sight: Sight,
+    answers: list[Interpretation],
+) -> tuple[Float[np.ndarray, "lights height width"], Sight]:
+    """The scene as it looks once some parts are known: the light between them is taken out of the images, and where no
+    depth map has told the response of the material, they tell it. What can't be told leaves things as they were.
+    """
+    cleared = subtract_reflections(images, answers, sight, second)
+    if cleared is not None:
+        images, second = cleared
+        sight = look(images, sensor, depth, R_w2c, second)
+    responses = responses_of_parts(answers, sight) if depth is None else None
     if responses is not None:
         sight = look(images, sensor, depth, R_w2c, second, responses)
-        answers = read_sight(forest, images, sight, FIRST)
-    return search_deeper(forest, images, sight, answers), sight
+    return images, sight
+
+
+def seen_again(answer: Interpretation, sight: Sight) -> Interpretation:
+    """The same hypotheses, refined and verified against the scene as it looks now."""
+    prepared = answer.prepared
+    plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
+    everyone = [len(answer.hypotheses.region)] * 2
+    hypotheses, equations = narrow(answer.hypotheses, prepared.model, sight, plan.rounds[-2:], plan, everyone)
+    judged = judge(hypotheses, prepared, sight, plan)
+    selection = select(judged, prepared, hypotheses, sight)
+    return replace(answer, hypotheses=hypotheses, equations=equations, judged=judged, selection=selection)
 
 
 def read_sight(
