@@ -10,7 +10,7 @@ import pytest
 from itree_kernels.errors import ItreeError
 from scipy.spatial.transform import Rotation
 
-from itree_jax.answers import best_reason, twist_deviation, without_free_turns
+from itree_jax.answers import twist_deviation, without_free_turns
 from itree_jax.detections import Detections
 from itree_jax.evaluation import mssd
 from itree_jax.evaluation.pose_errors import Pose
@@ -147,7 +147,6 @@ def test_an_empty_image_gives_no_answer(prepared, sensor):
     assert found.not_recognised == ()
     assert (found.labels == -1).all()
     assert found.poses.R.shape == (0, 3, 3)
-    assert best_reason([], 0) == "no hypothesis"
 
 
 def test_without_a_depth_map_two_cameras_tell_where_parts_are_and_one_tells_how_they_are_turned(
