@@ -1,5 +1,7 @@
 """Ambiguity: poses that the scene cannot tell apart, because what tells them apart is hidden."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from itree_cad.symmetry import Symmetries
 from jaxtyping import Float, Int
@@ -36,14 +38,17 @@ def same_part_distance(
 def rivals(
     chosen: int, evidence: Float[np.ndarray, "hypotheses"], agreeing: Float[np.ndarray, "hypotheses"],
     R: Float[np.ndarray, "hypotheses 3 3"], t: Float[np.ndarray, "hypotheses 3"], symmetries: Symmetries,
-    diameter: float,
-) -> tuple[Int[np.ndarray, "rivals"], float]:
-    """Other poses of the same place with nearly the evidence of the chosen one, and the share of belief left to it.
+    diameter: float, answered: Int[np.ndarray, "answered"] | Sequence[int] = (),
+) -> tuple[Int[np.ndarray, "rivals"], Float[np.ndarray, "rivals"]]:
+    """Other poses of the same place with nearly the evidence of the chosen one, likeliest first, and the share of
+    belief that each takes from it.
 
-    Beliefs are in the ratio of exp(evidence / deviation): 1 without rivals, a half beside one that is as good.
+    Beliefs are in the ratio of exp(evidence / deviation): a half for one that is as good. `answered` hypotheses are
+    answers of their own, with pixels of their own: no rivals.
     """
     deviation = PIXEL_DEVIATION * np.sqrt(max(float(agreeing[chosen]), 1.0))
     here = np.linalg.norm(t - t[chosen], axis=-1) < 0.5 * diameter
+    here[list(answered)] = False
     close = np.flatnonzero(here & (evidence > evidence[chosen] - FARTHEST * deviation))
     kept = [chosen]
     for k in close[np.argsort(-evidence[close], kind="stable")]:
@@ -52,4 +57,4 @@ def rivals(
             kept.append(int(k))
     found = np.array(kept[1:], int)
     weight = np.exp(np.minimum((evidence[found] - evidence[chosen]) / deviation, 0.0))
-    return found, float(1.0 / (1.0 + weight.sum()))
+    return found, weight / (1.0 + weight.sum())

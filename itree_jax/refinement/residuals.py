@@ -6,10 +6,13 @@ A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from itree_jax.refinement.needle_information import needle_information
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
+from itree_jax.refinement.viewing import sight, unproject
 from itree_jax.sensing.needle import Array
 
 
@@ -41,11 +44,16 @@ class Deviations(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v)."""
+    """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v).
+
+    `hessian` is for the step, with correspondences fixed; `information` is what the image measures of the pose, and its
+    inverse the covariance: with needles that change as a curved surface slides (where that was asked for).
+    """
 
     hessian: Float[Array, "6 6"]
     gradient: Float[Array, "6"]
     cost: Float[Array, ""]
+    information: Float[Array, "6 6"]
 
 
 class WindowObservations(NamedTuple):
@@ -76,20 +84,6 @@ def look_up(
     )
 
 
-def sight(camera: CameraArrays, uv: Float[Array, "*n 2"]) -> Float[Array, "*n 3"]:
-    """Direction of sight with z = 1: how a point moves per mm of depth."""
-    x = (uv[..., 0] - camera.cx) / camera.fx * camera.pinhole
-    y = (uv[..., 1] - camera.cy) / camera.fy * camera.pinhole
-    return jnp.stack([x, y, jnp.ones_like(x)], axis=-1)
-
-
-def unproject(camera: CameraArrays, uv: Float[Array, "*n 2"], depth: Float[Array, "*n"]) -> Float[Array, "*n 3"]:
-    scale = jnp.where(camera.pinhole > 0, depth, 1.0)
-    x = (uv[..., 0] - camera.cx) / camera.fx * scale
-    y = (uv[..., 1] - camera.cy) / camera.fy * scale
-    return jnp.stack([x, y, depth], axis=-1)
-
-
 def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Tukey's biweight of (residual / gate)^2: 1 at none, 0 from the gate on."""
     return jnp.square(jnp.clip(1.0 - squared, 0.0, 1.0))
@@ -97,7 +91,8 @@ def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 def _sums(jacobian: Float[Array, "n 6"], residual: Float[Array, "n"], weight: Float[Array, "n"]) -> NormalEquations:
     weighted = jacobian * weight[:, None]
-    return NormalEquations(weighted.T @ jacobian, weighted.T @ residual, jnp.sum(weight * residual**2))
+    hessian = weighted.T @ jacobian
+    return NormalEquations(hessian, weighted.T @ residual, jnp.sum(weight * residual**2), hessian)
 
 
 def depth_equations(
@@ -125,17 +120,26 @@ def needle_equations(
     """Needles: n_obs - R n_obj. Its Jacobian is the cross-product matrix of n, so that J^T J = I - n n^T."""
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     residual = window.normals - normal
-    squared = jnp.sum(residual**2, axis=-1)
-    same_surface = (window.depth <= 0) | (jnp.abs(gap) < deviations.depth_gate)
-    valid = (predicted.triangle >= 0) & (window.needle_weight > 0) & same_surface
-    robust = jnp.where(valid, window.needle_weight * tukey(squared / jnp.square(deviations.needle_gate)), 0.0)
-    count = jnp.sum(robust)
-    weight = robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
+    weight = needle_weights(predicted, window, normal, deviations, gap)
     outer = jnp.einsum("ij,ija,ijb->ab", weight, normal, normal)
     rotation = jnp.sum(weight) * jnp.eye(3) - outer
     gradient = jnp.einsum("ij,ija->a", weight, jnp.cross(residual, normal))
     hessian = jnp.zeros((6, 6)).at[:3, :3].set(rotation)
-    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), jnp.sum(weight * squared))
+    cost = jnp.sum(weight * jnp.sum(residual**2, axis=-1))
+    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), cost, hessian)
+
+
+def needle_weights(
+    predicted: Predicted, window: WindowObservations, normal: Float[Array, "s s 3"], deviations: Deviations,
+    gap: Float[Array, "s s"],
+) -> Float[Array, "s s"]:
+    """How much each pixel's needle counts [1 / rad^2] beside the needles that share its bias."""
+    squared = jnp.sum((window.normals - normal) ** 2, axis=-1)
+    same_surface = (window.depth <= 0) | (jnp.abs(gap) < deviations.depth_gate)
+    valid = (predicted.triangle >= 0) & (window.needle_weight > 0) & same_surface
+    robust = jnp.where(valid, window.needle_weight * tukey(squared / jnp.square(deviations.needle_gate)), 0.0)
+    count = jnp.sum(robust)
+    return robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
 
 
 def contour_equations(
@@ -173,14 +177,30 @@ def contour_equations(
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
-    stride: Int[Array, ""] | int,
+    stride: Int[Array, ""] | int, bending_obj: Float[Array, "triangles 3 3"] | None = None,
+    last: Bool[Array, ""] | bool = True,
 ) -> NormalEquations:
-    """The normal equations of one hypothesis: needles + depth + contour."""
+    """The normal equations of one hypothesis: needles + depth + contour.
+
+    With the `bending_obj` of the triangles [rad / mm] the information of a `last` step knows that surfaces slide.
+    """
     window = look_up(observed, predicted.origin_uv, size, stride)
     gap = window.depth - predicted.depth
+    needle = needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap)
+    if bending_obj is not None:
+
+        def sliding() -> Float[Array, "6 6"]:
+            normal = normal_obj[predicted.triangle] @ R_cam_obj.T
+            weight = needle_weights(predicted, window, normal, deviations, gap)
+            bending = bending_obj[predicted.triangle]
+            return needle_information(
+                R_cam_obj, t_cam_obj, window.uv, predicted.depth, normal, bending, weight, camera
+            )
+
+        needle = needle._replace(information=jax.lax.cond(last, sliding, lambda: needle.hessian))
     terms = (
         depth_equations(R_cam_obj, t_cam_obj, predicted, window, normal_obj, camera, deviations),
-        needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap),
+        needle,
         contour_equations(t_cam_obj, predicted, observed, camera, deviations),
     )
     return NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))

@@ -7,8 +7,8 @@ from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
-from itree_jax.answers import twist_deviation
 from itree_jax.refinement.optimise import Hypotheses, Stage, batch_size, padded, refine, window_origins, window_stride
+from itree_jax.refinement.uncertainty import twist_deviation
 
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
