@@ -157,7 +157,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
-TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None),
+         "boolean": bool}  # fmt: skip
 
 
 def violations(value: Any, schema: dict[str, Any], where: str = "$") -> list[str]:
@@ -169,7 +170,8 @@ def violations(value: Any, schema: dict[str, Any], where: str = "$") -> list[str
         return [f"{where}: no alternative fits"]
     types = schema.get("type", [])
     types = [types] if isinstance(types, str) else types
-    if types and not any(isinstance(value, TYPES[name]) and not isinstance(value, bool) for name in types):
+    fits = [isinstance(value, TYPES[name]) and isinstance(value, bool) == (name == "boolean") for name in types]
+    if types and not any(fits):
         return [f"{where}: not {types}"]
     wrong = ["const"] if "const" in schema and value != schema["const"] else []
     if "minimum" in schema and value < schema["minimum"]:

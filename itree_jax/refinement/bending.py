@@ -4,14 +4,16 @@ import numpy as np
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Float, Int
 
+from itree_jax.refinement.information import SmoothSurface
+
 SMOOTH = float(np.cos(np.radians(30.0)))  # facets of one curved face meet at less; more is an edge
 
 
-def triangle_bending(mesh: RayMesh) -> Float[np.ndarray, "triangles 3 3"]:
-    """Shape operator of each triangle, model frame [rad / mm]: along u its normal turns by `bending @ u`.
+def smooth_surface(mesh: RayMesh) -> SmoothSurface:
+    """Normals of the surface that the triangles stand for, linear over each: `bending @ X + offset`, model frame.
 
     Taken from the normals at the triangle's corners, each a mean over the facets of the same face around it, weighted
-    by their angles there: exact on a cylinder, whatever its facets. 0 on planes.
+    by their angles there: exact on a cylinder, whatever its facets. No bending on planes.
     """
     X = mesh.vertices[mesh.triangles].astype(float)
     normal = mesh.triangle_normals.astype(float)
@@ -24,7 +26,9 @@ def triangle_bending(mesh: RayMesh) -> Float[np.ndarray, "triangles 3 3"]:
     bending[good] = turned[good] @ np.linalg.inv(frame[good])
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     bending = across @ bending @ across
-    return 0.5 * (bending + np.swapaxes(bending, -1, -2))
+    bending = 0.5 * (bending + np.swapaxes(bending, -1, -2))
+    offset = np.mean(corner - np.einsum("tij,tcj->tci", bending, X), axis=1)
+    return SmoothSurface(bending, offset)
 
 
 def corner_angles(X: Float[np.ndarray, "triangles 3 3"]) -> Float[np.ndarray, "triangles 3"]:

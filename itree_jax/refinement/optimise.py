@@ -13,6 +13,7 @@ from itree_kernels.correspond import Correspondences, correspondences
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
@@ -37,7 +38,7 @@ class RefineModel:
     normal_obj: Float[Array, "triangles 3"]  # zeros pad it to a multiple of TRIANGLE_BATCH
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
-    bending_obj: Float[Array, "triangles 3 3"] | None = None  # [rad / mm], padded likewise; None: taken to be flat
+    surface: SmoothSurface | None = None  # what the triangles stand for, padded likewise; None: themselves
 
 
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
@@ -46,10 +47,12 @@ def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array,
     return jnp.asarray(np.concatenate([normal_obj, np.zeros((extra, 3))]), jnp.float32)
 
 
-def padded_bending(bending_obj: Float[np.ndarray, "triangles 3 3"]) -> Float[Array, "padded 3 3"]:
-    """The bending of the same triangles, with zeros likewise."""
-    extra = -len(bending_obj) % TRIANGLE_BATCH
-    return jnp.asarray(np.concatenate([bending_obj, np.zeros((extra, 3, 3))]), jnp.float32)
+def padded_surface(surface: SmoothSurface) -> SmoothSurface:
+    """The smooth surface over the same triangles, with zeros likewise."""
+    extra = -len(surface.offset) % TRIANGLE_BATCH
+    return SmoothSurface(*(
+        jnp.asarray(np.concatenate([a, np.zeros((extra, *a.shape[1:]))]), jnp.float32) for a in surface
+    ))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,14 +165,14 @@ def gauss_newton_step(
     stride: Int[Array, ""],
     size: int,
     elsewhere: NormalEquations | None = None,
-    bending_obj: Float[Array, "triangles 3 3"] | None = None,
+    surface: SmoothSurface | None = None,
     last: Bool[Array, ""] | bool = True,
 ) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
     """One step of every hypothesis, with the normal equations it was taken from; `elsewhere`: of other cameras."""
 
     def one(R, t, seen, more):
         equations = total_equations(
-            R, t, seen, observed, normal_obj, camera, deviations, size, stride, bending_obj, last
+            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
         )
         if more is not None:
             equations = NormalEquations(*(a + b for a, b in zip(equations, more, strict=True)))
@@ -191,7 +194,7 @@ def equations_elsewhere(
     deviations: Deviations,
     stride: Int[Array, ""],
     size: int,
-    bending_obj: Float[Array, "triangles 3 3"] | None = None,
+    surface: SmoothSurface | None = None,
     last: Bool[Array, ""] | bool = True,
 ) -> NormalEquations:
     """Normal equations of another camera, for twists in the frame of the first one. Poses are in the other's frame.
@@ -202,7 +205,7 @@ def equations_elsewhere(
 
     def one(R, t, seen):
         there = total_equations(
-            R, t, seen, observed, normal_obj, camera, deviations, size, stride, bending_obj, last
+            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
         )
         return NormalEquations(
             turn.T @ there.hessian @ turn, turn.T @ there.gradient, there.cost, turn.T @ there.information @ turn
@@ -263,7 +266,7 @@ def refine(
             elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
             step_of = partial(
                 gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
-                deviations=now, stride=jnp.int32(stride), size=stage.size, bending_obj=model.bending_obj, last=last,
+                deviations=now, stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
             )
 
             def one_step(R, t, seen, more, step_of=step_of):
@@ -287,6 +290,6 @@ def _elsewhere(
     equations_of = partial(
         equations_elsewhere, R_other_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
-        stride=jnp.int32(stride), size=stage.size, bending_obj=model.bending_obj, last=last,
+        stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
     )
     return in_batches(equations_of, R_other, t_other, as_predicted(found, origin))

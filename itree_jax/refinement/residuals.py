@@ -10,9 +10,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.refinement.needle_information import needle_information
+from itree_jax.refinement.information import (
+    AT_OUTLINE,
+    SmoothSurface,
+    contour_information,
+    depth_information,
+    inside_of_contour,
+    needle_information,
+    surface_points,
+)
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
-from itree_jax.refinement.viewing import sight, unproject
+from itree_jax.refinement.viewing import push_of, sight, unproject
 from itree_jax.sensing.needle import Array
 
 
@@ -47,7 +55,7 @@ class NormalEquations(NamedTuple):
     """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v).
 
     `hessian` is for the step, with correspondences fixed; `information` is what the image measures of the pose, and its
-    inverse the covariance: with needles that change as a curved surface slides (where that was asked for).
+    inverse the covariance (see `information.py`; the Hessian again where that was not asked for).
     """
 
     hessian: Float[Array, "6 6"]
@@ -104,13 +112,20 @@ def depth_equations(
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     gap = window.depth - predicted.depth
     residual = gap * jnp.sum(normal * direction, axis=-1)
-    valid = (predicted.triangle >= 0) & (window.depth > 0)
-    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
-    count = jnp.sum(robust)
-    weight = robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
+    weight = depth_weights(predicted, window, residual, deviations)
     arm = unproject(camera, window.uv, predicted.depth) - t_cam_obj
     jacobian = -jnp.concatenate([jnp.cross(arm, normal), normal], axis=-1)
     return _sums(jacobian.reshape(-1, 6), residual.reshape(-1), weight.reshape(-1))
+
+
+def depth_weights(
+    predicted: Predicted, window: WindowObservations, residual: Float[Array, "s s"], deviations: Deviations
+) -> Float[Array, "s s"]:
+    """How much each pixel's depth counts [1 / mm^2] beside the depths that share its bias."""
+    valid = (predicted.triangle >= 0) & (window.depth > 0)
+    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
+    count = jnp.sum(robust)
+    return robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
 
 
 def needle_equations(
@@ -142,11 +157,18 @@ def needle_weights(
     return robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
 
 
-def contour_equations(
-    t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps, camera: CameraArrays,
-    deviations: Deviations,
-) -> NormalEquations:
-    """Occluding contour: distance [px] to the nearest observed edge point along that edge's own direction."""
+class MatchedContour(NamedTuple):
+    """Contour points with the observed edge of each; weight 0 where there is none."""
+
+    uv: Float[Array, "n 2"]  # [px]
+    depth: Float[Array, "n"]  # [mm]
+    direction: Float[Array, "n 2"]  # across the edge
+    residual: Float[Array, "n"]  # [px]
+    weight: Float[Array, "n"]  # [1 / px^2]
+
+
+def matched_contour(predicted: Predicted, observed: ObservedMaps, deviations: Deviations) -> MatchedContour:
+    """The nearest observed edge point of every contour point of the window."""
     uv = predicted.contour_uv.reshape(-1, 2)
     z = predicted.contour_depth.reshape(-1)
     height, width = observed.edge_label.shape
@@ -161,46 +183,73 @@ def contour_equations(
     deep = (edge_depth <= 0) | (jnp.abs(edge_depth - z) < 2.0 * deviations.depth_gate)
     valid = inside & (z > 0) & deep
     robust = jnp.where(valid, tukey(jnp.sum(gap**2, axis=-1) / jnp.square(deviations.contour_gate)), 0.0)
-    residual = jnp.where(valid, residual, 0.0)
     count = jnp.sum(robust)
     weight = robust / (jnp.square(deviations.contour) + count * jnp.square(deviations.contour_bias))
-    X = unproject(camera, uv, z)
-    scale = jnp.where(camera.pinhole > 0, jnp.maximum(z, 1.0), 1.0)
-    a = direction[:, 0] * camera.fx / scale
-    b = direction[:, 1] * camera.fy / scale
-    slope = -(a * X[:, 0] + b * X[:, 1]) / scale * camera.pinhole
-    push = jnp.stack([a, b, slope], axis=-1)  # d residual / d X
+    return MatchedContour(uv, z, direction, jnp.where(valid, residual, 0.0), weight)
+
+
+def contour_equations(
+    t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps, camera: CameraArrays,
+    deviations: Deviations,
+) -> NormalEquations:
+    """Occluding contour: distance [px] to the nearest observed edge point along that edge's own direction."""
+    match = matched_contour(predicted, observed, deviations)
+    X = unproject(camera, match.uv, match.depth)
+    push = push_of(X, match.depth, match.direction, camera)  # d residual / d X
     jacobian = jnp.concatenate([jnp.cross(X - t_cam_obj, push), push], axis=-1)
-    return _sums(jnp.where(valid[:, None], jacobian, 0.0), residual, weight)
+    return _sums(jnp.where(match.weight[:, None] > 0, jacobian, 0.0), match.residual, match.weight)
+
+
+def measured_information(
+    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
+    window: WindowObservations, normal_obj: Float[Array, "triangles 3"], surface: SmoothSurface, camera: CameraArrays,
+    deviations: Deviations,
+) -> Float[Array, "6 6"]:
+    """What needles, depth and contour measure of the pose (see `information.py`), under the weights of the step."""
+    gap = window.depth - predicted.depth
+    normal = normal_obj[predicted.triangle] @ R_cam_obj.T
+    off = gap * jnp.sum(normal * sight(camera, window.uv), axis=-1)
+    match = matched_contour(predicted, observed, deviations)
+
+    def on_surface(uv: Float[Array, "*n 2"], depth: Float[Array, "*n"], triangle: Int[Array, "*n"]):
+        pitch = jnp.where(camera.pinhole > 0, depth, 1.0) / camera.fx
+        return surface_points(R_cam_obj, t_cam_obj, uv, depth, triangle, surface, camera), pitch
+
+    points, pitch = on_surface(window.uv, predicted.depth, predicted.triangle)
+    inner, fine = on_surface(match.uv, match.depth, inside_of_contour(predicted.depth, predicted.triangle))
+    spacing = window.uv[0, 1, 0] - window.uv[0, 0, 0]
+    return (
+        depth_information(points, depth_weights(predicted, window, off, deviations))
+        + needle_information(points, needle_weights(predicted, window, normal, deviations, gap), pitch)
+        + contour_information(
+            inner, match.depth, match.direction, match.weight, t_cam_obj, camera, AT_OUTLINE * spacing * fine
+        )
+    )
 
 
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
-    stride: Int[Array, ""] | int, bending_obj: Float[Array, "triangles 3 3"] | None = None,
-    last: Bool[Array, ""] | bool = True,
+    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None, last: Bool[Array, ""] | bool = True,
 ) -> NormalEquations:
     """The normal equations of one hypothesis: needles + depth + contour.
 
-    With the `bending_obj` of the triangles [rad / mm] the information of a `last` step knows that surfaces slide.
+    With the smooth `surface` that the triangles stand for, those of a `last` step tell what the image measures.
     """
     window = look_up(observed, predicted.origin_uv, size, stride)
     gap = window.depth - predicted.depth
-    needle = needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap)
-    if bending_obj is not None:
-
-        def sliding() -> Float[Array, "6 6"]:
-            normal = normal_obj[predicted.triangle] @ R_cam_obj.T
-            weight = needle_weights(predicted, window, normal, deviations, gap)
-            bending = bending_obj[predicted.triangle]
-            return needle_information(
-                R_cam_obj, t_cam_obj, window.uv, predicted.depth, normal, bending, weight, camera
-            )
-
-        needle = needle._replace(information=jax.lax.cond(last, sliding, lambda: needle.hessian))
     terms = (
         depth_equations(R_cam_obj, t_cam_obj, predicted, window, normal_obj, camera, deviations),
-        needle,
+        needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap),
         contour_equations(t_cam_obj, predicted, observed, camera, deviations),
     )
-    return NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))
+    total = NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))
+    if surface is None:
+        return total
+
+    def measured() -> Float[Array, "6 6"]:
+        return measured_information(
+            R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
+        )
+
+    return total._replace(information=jax.lax.cond(last, measured, lambda: total.hessian))

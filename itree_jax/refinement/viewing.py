@@ -28,3 +28,14 @@ def cross_matrix(a: Float[Array, "*n 3"]) -> Float[Array, "*n 3 3"]:
     zero = jnp.zeros_like(x)
     rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def push_of(
+    X: Float[Array, "n 3"], depth: Float[Array, "n"], direction: Float[Array, "n 2"], camera: CameraArrays
+) -> Float[Array, "n 3"]:
+    """How far [px] along an image direction a point's image moves per mm of the point, by axis."""
+    scale = jnp.where(camera.pinhole > 0, jnp.maximum(depth, 1.0), 1.0)
+    a = direction[:, 0] * camera.fx / scale
+    b = direction[:, 1] * camera.fy / scale
+    slope = -(a * X[:, 0] + b * X[:, 1]) / scale * camera.pinhole
+    return jnp.stack([a, b, slope], axis=-1)

@@ -84,7 +84,8 @@ def test_what_the_scene_does_not_tell_is_said(tmp_path, scene, detections, tree,
     first, second = detections
     lost = Unobservable(np.eye(6)[5], "distance from the camera", 12.0)
     doubtful = replace(first, unobservable=(lost,), alternatives=(Alternative(first.T_cam_obj, 0.25),))
-    page = self_contained(written(tmp_path / "s.html", scene, replace(detections, detections=(doubtful, second)), [tree]))
+    both = replace(detections, detections=(doubtful, second))
+    page = self_contained(written(tmp_path / "s.html", scene, both, [tree]))
     assert page.text.count("not measured: distance from the camera") == 1
     assert page.text.count("ambiguous: 2 poses") == 1
     assert "belief 75 % for this one, 25 % for the others" in page.text
