@@ -14,7 +14,13 @@ from itree_jax.refinement.ambiguity import rivals
 from itree_jax.refinement.hypotheses import RegionHypotheses, evidence
 from itree_jax.refinement.optimise import NormalEquations
 from itree_jax.refinement.select import Judged, Selection
-from itree_jax.refinement.uncertainty import rim_motions, twist_covariance, twist_deviation, without_free_turns
+from itree_jax.refinement.uncertainty import (
+    rim_motions,
+    rim_uncertainty,
+    twist_covariance,
+    twist_deviation,
+    without_free_turns,
+)
 from itree_jax.refinement.unobservable import unobservable
 from itree_jax.root_answer import RootAnswer, root_steps
 from itree_jax.sensing.regions import Regions
@@ -70,9 +76,13 @@ def describe_one(answer: Interpretation, h: int, found: Regions, root: Root, sai
     )
     R, t = nearest_rotation(R_all[h]), t_all[h]
     turns = tree.symmetries.continuous
-    information = without_free_turns(np.asarray(answer.equations.information[h], float), turns, R)
     rim = rim_motions(tree.part.vertices, tree.part.diameter, R)
-    std = twist_deviation(information)
+    information, spread = (
+        without_free_turns(np.asarray(e[h], float), turns, R)
+        for e in (answer.equations.information, answer.equations.spread)
+    )
+    uncertain = rim_uncertainty(information, spread, rim)
+    std = twist_deviation(uncertain, rim)
     pixels = answer.judged.stride**2  # image pixels that a window pixel stands for
     path = (
         *root_steps(root, said, region, answer.part),
@@ -93,8 +103,8 @@ def describe_one(answer: Interpretation, h: int, found: Regions, root: Root, sai
         rotation_std=std[:3],
         translation_std=std[3:],
         equivalents=equivalents(tree, R, t),
-        covariance=twist_covariance(information, rim),
-        unobservable=unobservable(information, rim, turns, R, t),
+        covariance=twist_covariance(uncertain, rim),
+        unobservable=unobservable(uncertain, rim, turns, R, t),
         alternatives=alternatives,
     )
 

@@ -28,7 +28,7 @@ def smooth_surface(mesh: RayMesh) -> SmoothSurface:
     bending = across @ bending @ across
     bending = 0.5 * (bending + np.swapaxes(bending, -1, -2))
     offset = np.mean(corner - np.einsum("tij,tcj->tci", bending, X), axis=1)
-    return SmoothSurface(bending, offset)
+    return SmoothSurface(bending, offset, mesh.face_of_triangle)
 
 
 def corner_angles(X: Float[np.ndarray, "triangles 3 3"]) -> Float[np.ndarray, "triangles 3"]:

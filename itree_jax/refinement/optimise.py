@@ -50,9 +50,8 @@ def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array,
 def padded_surface(surface: SmoothSurface) -> SmoothSurface:
     """The smooth surface over the same triangles, with zeros likewise."""
     extra = -len(surface.offset) % TRIANGLE_BATCH
-    return SmoothSurface(*(
-        jnp.asarray(np.concatenate([a, np.zeros((extra, *a.shape[1:]))]), jnp.float32) for a in surface
-    ))
+    bending, offset, face = (np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)]) for a in surface)
+    return SmoothSurface(jnp.asarray(bending, jnp.float32), jnp.asarray(offset, jnp.float32), jnp.asarray(face))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +206,9 @@ def equations_elsewhere(
         there = total_equations(
             R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
         )
-        return NormalEquations(
-            turn.T @ there.hessian @ turn, turn.T @ there.gradient, there.cost, turn.T @ there.information @ turn
-        )
+        squares = (turn.T @ a @ turn for a in (there.hessian, there.information, there.spread))
+        hessian, information, spread = squares
+        return NormalEquations(hessian, turn.T @ there.gradient, there.cost, information, spread)
 
     return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted)
 
@@ -236,9 +235,8 @@ def refine(
 ) -> tuple[Hypotheses, NormalEquations]:
     """Refines every hypothesis against needle map, outline and depth, in all cameras jointly.
 
-    Returns the poses and the last normal equations (their inverse information is the covariance of the twist). `jump`
-    [mm] is the least depth step of an occluding contour; `crease` [rad]: creases are contours too, as in
-    `correspondences`.
+    Returns the poses and the last normal equations (for the covariance see `uncertainty.py`). `jump` [mm] is the least
+    depth step of an occluding contour; `crease` [rad]: creases are contours too, as in `correspondences`.
     """
     count = len(hypotheses.t_cam_obj)
     R, t = (np.asarray(a) for a in padded(hypotheses))

@@ -12,11 +12,16 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.information import (
     AT_OUTLINE,
+    MOST_FACES,
+    SIDES,
+    Measured,
     SmoothSurface,
-    contour_information,
-    depth_information,
+    contour_jacobian,
+    depth_jacobian,
     inside_of_contour,
-    needle_information,
+    measured,
+    needle_jacobian,
+    side_of,
     surface_points,
 )
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
@@ -54,14 +59,15 @@ class Deviations(NamedTuple):
 class NormalEquations(NamedTuple):
     """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v).
 
-    `hessian` is for the step, with correspondences fixed; `information` is what the image measures of the pose, and its
-    inverse the covariance (see `information.py`; the Hessian again where that was not asked for).
+    `hessian` is for the step, with correspondences fixed. `information` and `spread` are for the covariance
+    (`information.Measured`); both are the Hessian again where that was not asked for.
     """
 
     hessian: Float[Array, "6 6"]
     gradient: Float[Array, "6"]
     cost: Float[Array, ""]
     information: Float[Array, "6 6"]
+    spread: Float[Array, "6 6"]
 
 
 class WindowObservations(NamedTuple):
@@ -100,7 +106,7 @@ def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
 def _sums(jacobian: Float[Array, "n 6"], residual: Float[Array, "n"], weight: Float[Array, "n"]) -> NormalEquations:
     weighted = jacobian * weight[:, None]
     hessian = weighted.T @ jacobian
-    return NormalEquations(hessian, weighted.T @ residual, jnp.sum(weight * residual**2), hessian)
+    return NormalEquations(hessian, weighted.T @ residual, jnp.sum(weight * residual**2), hessian, hessian)
 
 
 def depth_equations(
@@ -141,7 +147,7 @@ def needle_equations(
     gradient = jnp.einsum("ij,ija->a", weight, jnp.cross(residual, normal))
     hessian = jnp.zeros((6, 6)).at[:3, :3].set(rotation)
     cost = jnp.sum(weight * jnp.sum(residual**2, axis=-1))
-    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), cost, hessian)
+    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), cost, hessian, hessian)
 
 
 def needle_weights(
@@ -204,27 +210,37 @@ def measured_information(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     window: WindowObservations, normal_obj: Float[Array, "triangles 3"], surface: SmoothSurface, camera: CameraArrays,
     deviations: Deviations,
-) -> Float[Array, "6 6"]:
-    """What needles, depth and contour measure of the pose (see `information.py`), under the weights of the step."""
+) -> Measured:
+    """What needles, depth and contour measure of the pose (see `information.py`), under the weights of the step.
+
+    Depth and needles of a component face share their bias, contour points of one side theirs.
+    """
     gap = window.depth - predicted.depth
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     off = gap * jnp.sum(normal * sight(camera, window.uv), axis=-1)
     match = matched_contour(predicted, observed, deviations)
 
-    def on_surface(uv: Float[Array, "*n 2"], depth: Float[Array, "*n"], triangle: Int[Array, "*n"]):
+    def on_surface(uv: Float[Array, "n 2"], depth: Float[Array, "n"], triangle: Int[Array, "n"]):
         pitch = jnp.where(camera.pinhole > 0, depth, 1.0) / camera.fx
         return surface_points(R_cam_obj, t_cam_obj, uv, depth, triangle, surface, camera), pitch
 
-    points, pitch = on_surface(window.uv, predicted.depth, predicted.triangle)
+    points, pitch = on_surface(window.uv.reshape(-1, 2), predicted.depth.reshape(-1), predicted.triangle.reshape(-1))
     inner, fine = on_surface(match.uv, match.depth, inside_of_contour(predicted.depth, predicted.triangle))
-    spacing = window.uv[0, 1, 0] - window.uv[0, 0, 0]
-    return (
-        depth_information(points, depth_weights(predicted, window, off, deviations))
-        + needle_information(points, needle_weights(predicted, window, normal, deviations, gap), pitch)
-        + contour_information(
-            inner, match.depth, match.direction, match.weight, t_cam_obj, camera, AT_OUTLINE * spacing * fine
-        )
+    reach = AT_OUTLINE * (window.uv[0, 1, 0] - window.uv[0, 0, 0]) * fine
+    by_depth = measured(
+        depth_jacobian(points)[:, None], depth_weights(predicted, window, off, deviations).reshape(-1), points.face,
+        MOST_FACES, deviations.depth, deviations.depth_bias,
     )
+    by_needles = measured(
+        needle_jacobian(points, pitch), needle_weights(predicted, window, normal, deviations, gap).reshape(-1),
+        points.face, MOST_FACES, deviations.needle, deviations.needle_bias,
+    )
+    by_contour = measured(
+        contour_jacobian(inner, match.depth, match.direction, t_cam_obj, camera, reach)[:, None], match.weight,
+        side_of(match.direction), SIDES, deviations.contour, deviations.contour_bias,
+    )
+    information = by_depth.information + by_needles.information + by_contour.information
+    return Measured(information, by_depth.spread + by_needles.spread + by_contour.spread)
 
 
 def total_equations(
@@ -247,9 +263,10 @@ def total_equations(
     if surface is None:
         return total
 
-    def measured() -> Float[Array, "6 6"]:
+    def smooth() -> Measured:
         return measured_information(
             R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
         )
 
-    return total._replace(information=jax.lax.cond(last, measured, lambda: total.hessian))
+    found = jax.lax.cond(last, smooth, lambda: Measured(total.hessian, total.hessian))
+    return total._replace(information=found.information, spread=found.spread)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+LOST = 0.05  # of the diameter at the rim: a pose that is off by more is a wrong one (MSSD), so this deviation is none
 FREE = 100.0  # diameters: the deviation stated for what nothing measures; the rest stays exact beside it in float64
 
 Axis = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]  # unit direction, point on it [mm], model frame
@@ -42,19 +43,45 @@ def rim_motions(vertices: Float[np.ndarray, "n 3"], diameter: float, R_cam_obj: 
     return RimMotions(diameter, R_cam_obj @ (0.5 * (X.min(axis=0) + X.max(axis=0))))
 
 
-def twist_covariance(information: Float[np.ndarray, "6 6"], rim: RimMotions) -> Float[np.ndarray, "6 6"]:
-    """Covariance of the twist. What nothing measures has a deviation of `FREE` diameters at the rim."""
-    values, vectors = rim_information(information, rim)
-    vectors = rim.to_twist @ vectors
-    return (vectors / np.maximum(values, (FREE * rim.diameter) ** -2)) @ vectors.T
+@dataclass(frozen=True)
+class RimUncertainty:
+    """What is known of the motions of the rim. `vectors` are orthonormal columns."""
+
+    vectors: Float[np.ndarray, "6 6"]
+    lost: Bool[np.ndarray, "6"]  # directions that nothing measures
+    covariance: Float[np.ndarray, "6 6"]  # [mm^2]
 
 
-def rim_information(
-    information: Float[np.ndarray, "6 6"], rim: RimMotions
-) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
-    """Eigenvalues [1 / mm^2], rising, and eigenvectors (columns) of the information on motions of the rim."""
+def rim_uncertainty(
+    information: Float[np.ndarray, "6 6"], spread: Float[np.ndarray, "6 6"], rim: RimMotions, least: float = LOST
+) -> RimUncertainty:
+    """Covariance of the motions of the rim, and which of them nothing measures.
+
+    Each pixel's weight allows for what it shares with all others, so that the information alone knows every direction
+    too badly by a factor of some 5: what it can't tell to `least` diameters nothing tells. (What little it has there
+    stems from facets and pixels, so that the deviation stays as large as it says.) In the other directions errors count
+    as they act: information^-1 spread information^-1.
+    """
     B = rim.to_twist
-    return np.linalg.eigh(B.T @ np.asarray(information, float) @ B)
+    values, vectors = np.linalg.eigh(B.T @ np.asarray(information, float) @ B)
+    lost = values < (least * rim.diameter) ** -2
+    pull = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, values))
+    blind = np.where(lost, 1.0 / np.maximum(values, (FREE * rim.diameter) ** -2), 0.0)
+    inside = vectors.T @ B.T @ np.asarray(spread, float) @ B @ vectors * np.outer(pull, pull)
+    return RimUncertainty(vectors, lost, vectors @ (inside + np.diag(blind)) @ vectors.T)
+
+
+def twist_covariance(uncertain: RimUncertainty, rim: RimMotions) -> Float[np.ndarray, "6 6"]:
+    """Covariance of the twist. What nothing at all measures has a deviation of `FREE` diameters at the rim."""
+    return rim.to_twist @ uncertain.covariance @ rim.to_twist.T
+
+
+def twist_deviation(uncertain: RimUncertainty, rim: RimMotions) -> Float[np.ndarray, "6"]:
+    """Standard deviations of (omega [rad], v [mm]); infinite along directions nothing at all constrains."""
+    covariance = twist_covariance(uncertain, rim)
+    free = np.sqrt(np.diag(uncertain.vectors.T @ uncertain.covariance @ uncertain.vectors)) > 0.5 * FREE * rim.diameter
+    share = np.square(rim.to_twist @ uncertain.vectors[:, free]).sum(axis=1) / np.square(rim.to_twist).sum(axis=1)
+    return np.where(share > 1e-12, np.inf, np.sqrt(np.diag(covariance)))
 
 
 def without_free_turns(
@@ -72,12 +99,3 @@ def without_free_turns(
 def turn_about(direction: Float[np.ndarray, "3"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6"]:
     """The twist of a turn by 1 rad about a line through `point` [mm], which is seen from the part's origin."""
     return np.concatenate([direction, -np.cross(direction, point)])
-
-
-def twist_deviation(information: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6"]:
-    """Standard deviations of (omega [rad], v [mm]); infinite along directions nothing constrains."""
-    values, vectors = np.linalg.eigh(np.asarray(information, float))
-    free = values < 1e-9 * max(float(values.max()), 1e-12)
-    variance = np.where(free, np.inf, 1.0 / np.maximum(values, 1e-300))
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(np.nansum(np.where(vectors**2 > 1e-12, vectors**2 * variance, 0.0), axis=1))

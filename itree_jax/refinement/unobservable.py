@@ -6,31 +6,27 @@ import numpy as np
 from jaxtyping import Float
 
 from itree_jax.detections import Unobservable
-from itree_jax.refinement.uncertainty import FREE, Axis, RimMotions, rim_information, turn_about
+from itree_jax.refinement.uncertainty import FREE, LOST, Axis, RimMotions, RimUncertainty, turn_about
 
-LOST = 0.05  # of the diameter at the rim: a pose that is off by more is a wrong one (MSSD), so this deviation is none
 SAME = np.cos(np.radians(20.0)) ** 2  # share of a named motion that must be unobservable for its name to be used
 AXIS_NAMES = "xyz"
 Named = tuple[str, Float[np.ndarray, "6"]]  # words, unit motion of the rim
 
 
 def unobservable(
-    information: Float[np.ndarray, "6 6"], rim: RimMotions, axes: Sequence[Axis], R_cam_obj: Float[np.ndarray, "3 3"],
-    t_cam_obj: Float[np.ndarray, "3"], least: float = LOST,
+    uncertain: RimUncertainty, rim: RimMotions, axes: Sequence[Axis], R_cam_obj: Float[np.ndarray, "3 3"],
+    t_cam_obj: Float[np.ndarray, "3"],
 ) -> tuple[Unobservable, ...]:
-    """What the image leaves open: motions of the part whose deviation exceeds `least` diameters at the rim.
+    """What the image leaves open: motions of the part whose deviation exceeds 5 % of the diameter at the rim.
 
     Those that have a name come first (turns about an axis of revolution, the distance, slides and turns along the
-    part's own axes); what is left of the space they span is said in numbers. `information` is of twists in the camera
-    frame.
+    part's own axes); what is left of the space they span is said in numbers.
     """
-    values, vectors = rim_information(information, rim)
-    lost = values < (least * rim.diameter) ** -2
-    Q = vectors[:, lost]
-    variance = (Q / np.maximum(values[lost], (FREE * rim.diameter) ** -2)) @ Q.T
     found = []
-    for words, motion in named_directions(Q, list(named_motions(rim, axes, R_cam_obj, t_cam_obj))):
-        deviation = float(np.sqrt(motion @ variance @ motion))
+    for words, motion in named_directions(
+        uncertain.vectors[:, uncertain.lost], list(named_motions(rim, axes, R_cam_obj, t_cam_obj))
+    ):
+        deviation = float(np.sqrt(motion @ uncertain.covariance @ motion))
         words = words or in_numbers(motion, rim, R_cam_obj)
         deviation = np.inf if deviation > 0.5 * FREE * rim.diameter else deviation
         found.append(Unobservable(unit_twist(rim.to_twist @ motion), words, deviation))

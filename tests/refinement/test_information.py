@@ -10,9 +10,9 @@ from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.bending import pairs_at_vertices, smooth_surface
-from itree_jax.refinement.information import SHARPEST, SurfacePoints, needle_information
+from itree_jax.refinement.information import SHARPEST, SurfacePoints, measured, needle_jacobian, side_of
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, Stage, padded_normals, padded_surface, refine
-from itree_jax.refinement.uncertainty import rim_motions
+from itree_jax.refinement.uncertainty import rim_motions, rim_uncertainty
 from itree_jax.refinement.unobservable import unobservable
 
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
@@ -78,9 +78,10 @@ def bending_at(normal: np.ndarray, straight: np.ndarray) -> np.ndarray:
 def information_of(camera: Camera, uv, depth, normal, bending, weight) -> np.ndarray:
     with jax.enable_x64(True):
         arm, ray = camera.unproject(uv, depth) - T, rays(camera, uv)[1]
-        points = SurfacePoints(*(jnp.asarray(a) for a in (ray, arm, normal, R @ bending @ R.T)))
-        pitch = jnp.full(len(uv), 1.0 / pixels_per_mm(camera))
-        return np.asarray(needle_information(points, jnp.asarray(weight), pitch))
+        face = np.zeros(len(uv), int)
+        points = SurfacePoints(*(jnp.asarray(a) for a in (ray, arm, normal, R @ bending @ R.T, face)))
+        J = np.asarray(needle_jacobian(points, jnp.full(len(uv), 1.0 / pixels_per_mm(camera))))
+        return np.einsum("p,pia,pib->ab", weight, J, J)
 
 
 def pixels_per_mm(camera: Camera) -> float:
@@ -157,7 +158,7 @@ def test_refinement_does_not_measure_the_turn_of_a_cylinder_and_does_that_of_a_b
         fixed, told = (turn @ np.asarray(e[0], float) @ turn for e in (equations.hessian, equations.information))
         assert (told < 0.03 * fixed) == free
         rim = rim_motions(bare.mesh.vertices, bare.diameter, pose)
-        lost = unobservable(np.asarray(equations.information[0], float), rim, [], pose, t)
+        lost = unobservable(rim_uncertainty(equations.information[0], equations.spread[0], rim), rim, [], pose, t)
         assert [u.words for u in lost] == (["turn about its own z axis"] if free else [])
         if not free:
             np.testing.assert_allclose(told, fixed, rtol=1e-3)
@@ -187,3 +188,38 @@ def test_smooth_normals_are_those_of_the_cylinder_at_its_corners_and_in_between(
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
     np.testing.assert_allclose(normal[curved], radial[curved], atol=2e-3)
     np.testing.assert_allclose(normal[~curved], mesh.triangle_normals[~curved], atol=1e-6)
+
+
+def test_errors_that_a_group_shares_count_where_they_act():
+    """The covariance of sum of w J^T error, from the errors' own covariance; it is not the information's."""
+    rng = np.random.default_rng(2)
+    J, weight, group = rng.normal(size=(30, 2, 6)), rng.uniform(0.1, 2.0, 30), rng.integers(0, 3, 30)
+    with jax.enable_x64(True):
+        found = measured(*(jnp.asarray(a) for a in (J, weight, group)), 3, jnp.asarray(0.3), jnp.asarray(0.2))
+    flat, w = J.reshape(60, 6), np.repeat(weight, 2)
+    alike = np.kron(group[:, None] == group[None], np.eye(2))
+    errors = 0.3**2 * np.eye(60) + 0.2**2 * alike
+    pull = flat * w[:, None]
+    np.testing.assert_allclose(found.information, flat.T @ pull, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.spread, pull.T @ errors @ pull, rtol=1e-9, atol=1e-9)
+
+
+def test_a_shift_that_all_pixels_share_does_not_tilt_a_plane():
+    """Of a square of depths about its middle a shared error moves the distance alone."""
+    x, y = (a.ravel() for a in np.meshgrid(*[np.linspace(-10.0, 10.0, 21)] * 2))
+    normal = np.tile([0.0, 0.0, -1.0], (len(x), 1))
+    J = np.concatenate([np.cross(np.stack([x, y, 0 * x], axis=1), normal), normal], axis=1)[:, None]
+    weight, group = np.full(len(x), 1.0 / (0.3**2 + len(x) * 0.1**2)), np.zeros(len(x), int)
+    with jax.enable_x64(True):
+        found = measured(*(jnp.asarray(a) for a in (J, weight, group)), 1, jnp.asarray(0.3), jnp.asarray(0.1))
+    told = [0, 1, 5]  # two tilts and the distance
+    inverse = np.linalg.inv(np.asarray(found.information)[np.ix_(told, told)])
+    std = np.sqrt(np.diag(inverse @ np.asarray(found.spread)[np.ix_(told, told)] @ inverse))
+    alone = 0.3 / np.sqrt(np.sum(x**2))
+    np.testing.assert_allclose(std, [alone, alone, np.hypot(0.1, 0.3 / np.sqrt(len(x)))], rtol=1e-9)
+
+
+def test_sides_of_a_contour():
+    angle = np.radians([-179.0, -135.5, -134.5, 0.5, 44.0, 46.0, 179.0])
+    sides = side_of(jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=1), jnp.float32))
+    np.testing.assert_array_equal(sides, [0, 0, 1, 4, 4, 5, 7])

@@ -6,7 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.uncertainty import (
     FREE,
+    RimMotions,
     rim_motions,
+    rim_uncertainty,
     turn_about,
     twist_covariance,
     twist_deviation,
@@ -41,20 +43,23 @@ def test_a_motion_of_the_rim_is_a_turn_about_the_middle_or_a_shift():
         np.testing.assert_array_equal(RIM.to_twist[:, 3 + k], np.eye(6)[3 + k])
 
 
-def test_the_covariance_is_the_inverse_information():
-    information = random_information()
-    covariance = twist_covariance(information, RIM)
-    np.testing.assert_allclose(covariance @ information, np.eye(6), atol=1e-9)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), twist_deviation(information), rtol=1e-9)
+def test_the_covariance_is_that_of_the_least_squares_estimate():
+    information, spread = random_information(), random_information(1)
+    uncertain = rim_uncertainty(information, spread, RIM)
+    assert not uncertain.lost.any()
+    covariance = twist_covariance(uncertain, RIM)
+    inverse = np.linalg.inv(information)
+    np.testing.assert_allclose(covariance, inverse @ spread @ inverse, rtol=1e-6)
+    np.testing.assert_allclose(twist_deviation(uncertain, RIM), np.sqrt(np.diag(covariance)), rtol=1e-9)
 
 
 def test_what_nothing_measures_has_a_hundred_diameters_and_the_rest_stays_exact():
     twist = turn_about(R @ AXIS[0], R @ AXIS[1])
     information = without_free_turns(random_information(), [AXIS], R)
-    covariance = twist_covariance(information, RIM)
+    uncertain = rim_uncertainty(information, information, RIM)
+    covariance = twist_covariance(uncertain, RIM)
     assert np.isfinite(covariance).all()
-    motions = RIM.from_twist @ covariance @ RIM.from_twist.T
-    largest, direction = (a[..., -1] for a in np.linalg.eigh(motions))
+    largest, direction = (a[..., -1] for a in np.linalg.eigh(uncertain.covariance))
     assert np.sqrt(largest) == pytest.approx(FREE * DIAMETER, rel=1e-6)
     along = RIM.from_twist @ twist
     assert abs(direction @ along) / np.linalg.norm(along) == pytest.approx(1.0, abs=1e-6)
@@ -71,7 +76,8 @@ def test_turns_about_an_axis_of_revolution_are_infinite():
     twist = turn_about(lying @ AXIS[0], lying @ AXIS[1])
     np.testing.assert_allclose(information @ twist, 0.0, atol=1e-12)
     assert np.linalg.matrix_rank(information) == 5
-    std = twist_deviation(information)
+    rim = RimMotions(40.0, np.array([5.0, 0.0, 0.0]))
+    std = twist_deviation(rim_uncertainty(information, information, rim), rim)
     np.testing.assert_array_equal(np.isinf(std), np.abs(twist) > 0)
     np.testing.assert_allclose(std[1:3], [1 / 3, 1 / 4])
     np.testing.assert_array_equal(without_free_turns(measured, [], lying), measured)
@@ -103,7 +109,7 @@ MIDDLE = R @ BOX.mean(axis=0)
 def test_directions_that_nothing_measures_have_names(twists, words):
     information = blind_to(*twists) if twists else random_information()
     axes = [AXIS] if "turn about its axis of revolution" in words else []
-    found = unobservable(information, RIM, axes, R, T)
+    found = unobservable(rim_uncertainty(information, information, RIM), RIM, axes, R, T)
     assert [u.words for u in found] == words
     for u in found:
         assert u.deviation == np.inf
@@ -117,5 +123,6 @@ def test_directions_that_nothing_measures_have_names(twists, words):
 def test_a_deviation_of_five_percent_of_the_diameter_is_none(deviation, count):
     along = RIM.from_twist @ np.concatenate([np.zeros(3), R[:, 1]])
     motions = np.eye(6) * 100.0 + np.outer(along, along) * (deviation**-2 - 100.0)
-    found = unobservable(RIM.from_twist.T @ motions @ RIM.from_twist, RIM, [], R, T)
+    information = RIM.from_twist.T @ motions @ RIM.from_twist
+    found = unobservable(rim_uncertainty(information, 0.04 * information, RIM), RIM, [], R, T)
     assert [u.deviation for u in found] == pytest.approx([deviation] * count)
