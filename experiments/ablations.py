@@ -61,7 +61,8 @@ def no_backtracking() -> Iterator[None]:
 def no_refinement() -> Iterator[None]:
     def stay(hypotheses: Hypotheses, *_: Any) -> tuple[Hypotheses, NormalEquations]:
         count = len(hypotheses.t_cam_obj)
-        none = NormalEquations(np.tile(np.eye(6), (count, 1, 1)), np.zeros((count, 6)), np.zeros(count))
+        unit = np.tile(np.eye(6), (count, 1, 1))
+        none = NormalEquations(unit, np.zeros((count, 6)), np.zeros(count), unit, unit)
         return hypotheses, none
 
     with patch.object(recognition, "refine", stay):
@@ -82,7 +83,8 @@ def no_verification() -> Iterator[None]:
         accepted = np.array([h for h in best if np.isfinite(log_p[h])], int)
         alone = measures_alone(judged)
         measures = type(alone)(*(np.asarray(m)[accepted] for m in alone))
-        return Selection(accepted, np.full(len(log_p), 0.5), ("",) * len(log_p), measures)
+        nobody = (np.zeros(0, int), np.zeros(0))
+        return Selection(accepted, np.full(len(log_p), 0.5), ("",) * len(log_p), measures, (nobody,) * len(accepted))
 
     def of_all(answers: list[Interpretation], *_: Any) -> list[Selection]:
         return [taken(a.judged, a.hypotheses) for a in answers]

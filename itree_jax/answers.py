@@ -7,13 +7,21 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from itree_jax.decision_path import decision_path, verification_step
-from itree_jax.detections import Detection
+from itree_jax.detections import Alternative, Detection
 from itree_jax.features.region import RegionFeatures
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import rivals
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import NormalEquations
 from itree_jax.refinement.select import Judged, Selection
+from itree_jax.refinement.uncertainty import (
+    rim_motions,
+    rim_uncertainty,
+    twist_covariance,
+    twist_deviation,
+    without_free_turns,
+)
+from itree_jax.refinement.unobservable import unobservable
 from itree_jax.root_answer import RootAnswer, root_steps
 from itree_jax.sensing.regions import Regions
 from itree_jax.tree.classify import Classification
@@ -53,16 +61,26 @@ def describe(answers: Sequence[Interpretation], root: Root) -> tuple[Detection, 
 
 
 def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
-    """One accepted hypothesis. Its score is shared with rivals that explain the same place as well."""
-    tree, verdict = answer.prepared.tree, answer.judged.verdict
+    """One accepted hypothesis, with the other poses of its place that the scene hardly tells from it."""
+    tree, selection = answer.prepared.tree, answer.selection
     region = int(answer.hypotheses.region[h])
     R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
     weight = answer.judged.log_likelihood
-    other, _ = rivals(
-        h, weight, np.asarray(verdict.agreeing), R_all, t_all, tree.symmetries, tree.part.diameter
+    other, margins = selection.rivals[list(selection.accepted).index(h)]
+    other, share = rivals(other, margins, R_all, t_all, tree.symmetries, tree.part.diameter)
+    alternatives = tuple(
+        Alternative(pose_matrix(nearest_rotation(R_all[k]), t_all[k]), float(s))
+        for k, s in zip(other, share, strict=True)
     )
     R, t = nearest_rotation(R_all[h]), t_all[h]
-    std = twist_deviation(without_free_turns(np.asarray(answer.equations.hessian[h], float), tree, R))
+    turns = tree.symmetries.continuous
+    rim = rim_motions(tree.part.vertices, tree.part.diameter, R)
+    information, spread = (
+        without_free_turns(np.asarray(e[h], float), turns, R)
+        for e in (answer.equations.information, answer.equations.spread)
+    )
+    uncertain = rim_uncertainty(information, spread, rim)
+    std = twist_deviation(uncertain, rim)
     seen = answer.judged.support
     pixels = seen.stride**2  # image pixels that a window pixel stands for
     path = (
@@ -73,17 +91,20 @@ def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
         scene_id=0,
         im_id=0,
         obj_id=tree.obj_id,
-        score=float(answer.selection.score[h]),
+        score=float(selection.score[h]),
         R_cam_obj=R,
         t_cam_obj=t,
-        decision_path=(*path, verification_step(tree, float(weight[h]), [float(weight[k]) for k in other])),
+        decision_path=(*path, verification_step(tree, float(weight[h]), weight[other].tolist(), alternatives)),
         agreeing=int((seen.pixels[h] > 0).sum()) * pixels,
         contradicting=int((seen.pixels[h] < 0).sum()) * pixels,
         hidden=int(seen.hidden[h].sum()) * pixels,
         height=float(answer.found.height[region]),
         rotation_std=std[:3],
         translation_std=std[3:],
-        equivalents=(*equivalents(tree, R, t), *(pose_matrix(nearest_rotation(R_all[k]), t_all[k]) for k in other)),
+        equivalents=equivalents(tree, R, t),
+        covariance=twist_covariance(uncertain, rim),
+        unobservable=unobservable(uncertain, rim, turns, R, t),
+        alternatives=alternatives,
     )
 
 
@@ -100,31 +121,6 @@ def pose_matrix(R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Float
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, t
     return T
-
-
-def without_free_turns(
-    hessian: Float[np.ndarray, "6 6"], tree: InterpretationTree, R_cam_obj: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "6 6"]:
-    """Takes turns about the part's axes of revolution out: nothing measures them.
-
-    (Linearised needles seem to, since they don't know that a curved surface slides under its pixel.)
-    """
-    for axis, point in tree.symmetries.continuous:
-        turn = R_cam_obj @ axis
-        twist = np.concatenate([turn, -np.cross(turn, R_cam_obj @ point)])
-        twist /= np.linalg.norm(twist)
-        keep = np.eye(6) - np.outer(twist, twist)
-        hessian = keep @ hessian @ keep
-    return hessian
-
-
-def twist_deviation(hessian: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6"]:
-    """Standard deviations of (omega [rad], v [mm]); infinite along directions nothing constrains."""
-    values, vectors = np.linalg.eigh(np.asarray(hessian, float))
-    free = values < 1e-9 * max(float(values.max()), 1e-12)
-    variance = np.where(free, np.inf, 1.0 / np.maximum(values, 1e-300))
-    with np.errstate(invalid="ignore"):
-        return np.sqrt(np.nansum(np.where(vectors**2 > 1e-12, vectors**2 * variance, 0.0), axis=1))
 
 
 def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:

@@ -1,9 +1,11 @@
 """The reason for an answer: every node and determination step, with what was measured and what it was compared with."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
-from itree_jax.detections import Step
+from itree_jax.detections import Alternative, Step, count_of_poses
 from itree_jax.tree.classify import Classification
 from itree_jax.tree.confusion import inseparable
 from itree_jax.tree.determine import remaining_freedom
@@ -107,13 +109,18 @@ def _rounded(values: np.ndarray) -> list[float]:
     return [round(float(v), 4) for v in values]
 
 
-def verification_step(tree: InterpretationTree, evidence: float, rivals: list[float]) -> Step:
-    """The last word: the rendered pose's evidence against that of poses which explain the same place as well."""
+def verification_step(
+    tree: InterpretationTree, evidence: float, rivals: Sequence[float], alternatives: tuple[Alternative, ...] = ()
+) -> Step:
+    """The last word: the rendered pose's evidence against that of poses which explain the same place nearly as well."""
     count = len(tree.nodes.branch) + tree.groups.group_count
+    left = count_of_poses(alternatives)
     return Step(
         node=count, rule="verification", measured={"evidence": round(evidence, 1)},
-        compared_with={"rivals": [round(r, 1) for r in rivals]},
+        compared_with={
+            "rivals": [round(r, 1) for r in rivals], "shares": [round(a.share, 3) for a in alternatives],
+        },
         margin=round(evidence - max(rivals), 3) if rivals else None,
-        freedom_before="unique" if not rivals else f"{1 + len(rivals)} poses that look the same here",
-        freedom_after="unique" if not rivals else "ambiguous",
+        freedom_before="unique" if not rivals else f"{1 + len(rivals)} poses of this place",
+        freedom_after="unique" if left == 1 else f"ambiguous: {left} poses that the scene does not tell apart",
     )

@@ -22,6 +22,28 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Unobservable:
+    """A direction of the pose that nothing in the image measures."""
+
+    twist: Float[np.ndarray, "6"]  # (omega, v) as of `Detection.covariance`, of a turn by 1 rad or a shift by 1 mm
+    words: str  # "turn about its axis of revolution", "slide along its own x axis", "distance from the camera", ...
+    deviation: float  # [mm] at the part's rim; infinite where nothing at all tells
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another pose of the same place."""
+
+    T_cam_obj: Float[np.ndarray, "4 4"]  # translation in [mm]
+    share: float  # of belief; with that of the answer's pose and of its other alternatives 1
+
+
+# Odds of the pose to its best alternative under which the answer is called ambiguous: with less, more than one such
+# answer in twenty is wrong, and twenty is what statistics commonly calls strong evidence (Kass and Raftery 1995).
+STRONG_ODDS = 20.0
+
+
+@dataclass(frozen=True)
 class Detection:
     """One recognised instance. `R_cam_obj`, `t_cam_obj` map model to camera coordinates, as in BOP."""
 
@@ -39,7 +61,17 @@ class Detection:
     height: float = 0.0  # [mm] of the region the answer came from, above the floor or nearer to the camera
     rotation_std: Float[np.ndarray, "3"] | None = None  # [rad] about the camera's axes
     translation_std: Float[np.ndarray, "3"] | None = None  # [mm] along the camera's axes
-    equivalents: tuple[Float[np.ndarray, "4 4"], ...] | None = None  # other T_cam_obj that look the same
+    equivalents: tuple[Float[np.ndarray, "4 4"], ...] | None = None  # other T_cam_obj, by the part's exact symmetries
+    # Of the twist (omega [rad], v [mm]) that takes the stated pose to the true one, in the camera frame about the
+    # part's origin: R <- exp(omega) R, t <- t + v. What nothing measures has a deviation of 100 diameters at the rim.
+    covariance: Float[np.ndarray, "6 6"] | None = None
+    unobservable: tuple[Unobservable, ...] = ()  # directions whose deviation makes a wrong pose: 5 % of the diameter
+    alternatives: tuple[Alternative, ...] = ()  # poses that the scene hardly tells from this one, the likeliest first
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether the best alternative is too likely for the pose to be relied on."""
+        return count_of_poses(self.alternatives) > 1
 
     @property
     def T_cam_obj(self) -> Float[np.ndarray, "4 4"]:
@@ -48,6 +80,12 @@ class Detection:
         T_cam_obj[:3, :3] = self.R_cam_obj
         T_cam_obj[:3, 3] = self.t_cam_obj
         return T_cam_obj
+
+
+def count_of_poses(alternatives: tuple[Alternative, ...]) -> int:
+    """Poses that are left: the answer's, and the alternatives that it doesn't beat by `STRONG_ODDS`."""
+    own = 1.0 - sum(a.share for a in alternatives)
+    return 1 + sum(a.share * STRONG_ODDS > own for a in alternatives)
 
 
 class Poses(NamedTuple):

@@ -8,8 +8,9 @@ import numpy as np
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Float
 
+from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.hypotheses import near_symmetries
-from itree_jax.refinement.optimise import RefineModel, padded_normals
+from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
@@ -56,7 +57,8 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     part = tree.part
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     reach = mesh_reach(mesh)
-    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter)
+    surface = padded_surface(smooth_surface(mesh))
+    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), near_symmetries(part.vertices, part.triangles))
 

@@ -13,11 +13,12 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float, Int
 
-from itree_jax.detections import Detection, Detections
+from itree_jax.detections import Detection, Detections, Unobservable
 
-RESULTS_VERSION = 1  # of the JSON file; raised when a reader of the old one would misread the new one
+RESULTS_VERSION = 2  # of the JSON file; raised when a reader of the old one would misread the new one
 SCHEMA_PATH = Path(__file__).with_name("results.schema.json")
 CSV_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
+IN_DEGREES = np.repeat([np.degrees(1.0), 1.0], 3)  # of the numbers of a twist
 ROTATION_TOLERANCE = 0.01  # of R R^T against I: rounding to three digits passes, a scaled or sheared matrix does not
 
 
@@ -143,14 +144,26 @@ def _image_to_json(image: Detections) -> dict[str, Any]:
 
 def _detection_to_json(d: Detection) -> dict[str, Any]:
     degrees = None if d.rotation_std is None else np.degrees(d.rotation_std)
+    covariance = None if d.covariance is None else np.ravel(d.covariance * np.outer(IN_DEGREES, IN_DEGREES))
     return {
         "obj_id": d.obj_id, "score": d.score, "offer_rank": d.offer_rank, "height_mm": d.height,
         "R": np.ravel(d.R_cam_obj), "t": d.t_cam_obj,
         "rotation_std_deg": degrees, "translation_std_mm": d.translation_std,
         "pixels": {"agreeing": d.agreeing, "contradicting": d.contradicting, "hidden": d.hidden},
+        "covariance_deg_mm": covariance,
+        "unobservable": [_unobservable_to_json(u) for u in d.unobservable],
         "equivalents": [np.ravel(T) for T in d.equivalents or ()],
+        "ambiguous": d.ambiguous,
+        "alternatives": [{"T": np.ravel(a.T_cam_obj), "share": a.share} for a in d.alternatives],
         "decision_path": [asdict(step) for step in d.decision_path],
     }  # fmt: skip
+
+
+def _unobservable_to_json(u: Unobservable) -> dict[str, Any]:
+    """The twist of a turn by 1 degree or a shift by 1 mm."""
+    turns = np.linalg.norm(u.twist[:3]) > 0.5
+    per_degree = np.radians(1.0) if turns else 1.0
+    return {"words": u.words, "twist_deg_mm": u.twist * IN_DEGREES * per_degree, "deviation_mm": u.deviation}
 
 
 def _plain(value: Any) -> Any:

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from itree_jax.decision_path import decision_path, determination_steps, path_to
+from itree_jax.decision_path import decision_path, determination_steps, path_to, verification_step
+from itree_jax.detections import Alternative
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES
 from itree_jax.tree.classify import Classification
 from itree_jax.tree.freedom import freedom_along
@@ -147,3 +148,19 @@ def test_freedom_falls_along_the_path(paper_tree):
         assert all(a < b for a, b in zip(after, left, strict=True))
         assert after[:-1] == left[1:]
         assert left[0] == (~paper_tree.groups.pruned).sum()
+
+
+@pytest.mark.parametrize(
+    ("shares", "before", "after"),
+    [
+        ((), "unique", "unique"),
+        ((0.01,), "2 poses of this place", "unique"),
+        ((0.4, 0.01), "3 poses of this place", "ambiguous: 2 poses that the scene does not tell apart"),
+    ],
+)
+def test_the_last_step_says_what_the_scene_does_not_tell_apart(paper_tree, shares, before, after):
+    alternatives = tuple(Alternative(np.eye(4), s) for s in shares)
+    step = verification_step(paper_tree, 900.0, [900.0 - 10.0 * (k + 1) for k in range(len(shares))], alternatives)
+    assert (step.freedom_before, step.freedom_after) == (before, after)
+    assert step.compared_with["shares"] == list(shares)
+    assert step.margin == (10.0 if shares else None)

@@ -141,3 +141,14 @@ def test_trees_a_list_and_a_forest_are_prepared_alike(alone, forest, paper_tree,
     assert itree_jax.compile_forest is compile_forest
     with pytest.raises(ItreeError, match="both of object 1"):
         as_forest([alone[0], replace(alone[1], tree=replace(plate_tree, obj_id=1))])
+
+
+def test_the_order_of_the_trees_changes_nothing(alone, cases, mixed):
+    """Poses, scores and order for picking, to the last bit."""
+    again = answer(prepare_forest(alone[::-1]), cases[2])
+
+    def told(found: Detections) -> list[tuple]:
+        return [(d.obj_id, d.score, d.R_cam_obj.tobytes(), d.t_cam_obj.tobytes()) for d in found.by_offer]
+
+    assert told(again) == told(mixed)
+    assert again.not_recognised == mixed.not_recognised

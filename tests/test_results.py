@@ -8,7 +8,7 @@ import pytest
 from itree_kernels.errors import ItreeError
 from scipy.spatial.transform import Rotation
 
-from itree_jax.detections import Detection, Detections, Step
+from itree_jax.detections import Alternative, Detection, Detections, Step, Unobservable
 from itree_jax.results import CSV_COLUMNS, RESULTS_VERSION, SCHEMA_PATH, read_bop_csv, write_bop_csv, write_json
 
 SCHEMA = json.loads(SCHEMA_PATH.read_text())
@@ -24,9 +24,11 @@ def images() -> list[Detections]:
         Step(0, "L1", {"area": np.float32(812.5)}, [{"branch": "B0", "mean": 800.0}], np.inf, "any view", "S1 or S3"),
         Step(4, "A2", np.array([1.0, 2.0]), None, None),
     )
+    open_ = Unobservable(np.array([0.0, 0.0, 1.0, 20.0, 0.0, 0.0]), "turn about its own z axis", np.inf)
     first = Detection(
-        12, 0, 1, 0.25, R[0], t[0], path, 900, 12, 40, 0, 33.0, np.radians([1.0, 2, 3]), t[1] ** 2, (np.eye(4),)
-    )
+        12, 0, 1, 0.25, R[0], t[0], path, 900, 12, 40, 0, 33.0, np.radians([1.0, 2, 3]), t[1] ** 2, (np.eye(4),),
+        np.diag([1.0, 1.0, 1.0, 4.0, 4.0, 9.0]) * 1e-4, (open_,), (Alternative(2.0 * np.eye(4), 0.4),),
+    )  # fmt: skip
     second = Detection(12, 0, 2, 0.75, R[1], t[1], offer_rank=1)
     third = Detection(3, 0, 1, 1 / 3, R[2], t[2])
     lost = ({"region": 5, "reason": "no attitude agrees"},)
@@ -93,6 +95,15 @@ def test_the_json_follows_its_schema_and_keeps_everything(tmp_path):
     assert second["rotation_std_deg"] == pytest.approx([1, 2, 3])
     assert second["pixels"] == {"agreeing": 900, "contradicting": 12, "hidden": 40}
     assert second["equivalents"] == [np.eye(4).ravel().tolist()]
+    covariance = np.reshape(second["covariance_deg_mm"], (6, 6))
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [*np.degrees([0.01] * 3), 0.02, 0.02, 0.03])
+    assert second["ambiguous"] is True
+    assert second["alternatives"] == [{"T": (2.0 * np.eye(4)).ravel().tolist(), "share": 0.4}]
+    (told,) = second["unobservable"]
+    assert (told["words"], told["deviation_mm"]) == ("turn about its own z axis", None)
+    np.testing.assert_allclose(told["twist_deg_mm"], [0.0, 0.0, 1.0, np.radians(20.0), 0.0, 0.0])
+    first = image["detections"][0]
+    assert (first["covariance_deg_mm"], first["unobservable"], first["ambiguous"]) == (None, [], False)
     assert second["decision_path"][0] == {
         "node": 0, "rule": "L1", "measured": {"area": 812.5}, "compared_with": [{"branch": "B0", "mean": 800.0}],
         "margin": None, "freedom_before": "any view", "freedom_after": "S1 or S3",
@@ -146,7 +157,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
-TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
+TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None),
+         "boolean": bool}  # fmt: skip
 
 
 def violations(value: Any, schema: dict[str, Any], where: str = "$") -> list[str]:
@@ -158,7 +170,8 @@ def violations(value: Any, schema: dict[str, Any], where: str = "$") -> list[str
         return [f"{where}: no alternative fits"]
     types = schema.get("type", [])
     types = [types] if isinstance(types, str) else types
-    if types and not any(isinstance(value, TYPES[name]) and not isinstance(value, bool) for name in types):
+    fits = [isinstance(value, TYPES[name]) and isinstance(value, bool) == (name == "boolean") for name in types]
+    if types and not any(fits):
         return [f"{where}: not {types}"]
     wrong = ["const"] if "const" in schema and value != schema["const"] else []
     if "minimum" in schema and value < schema["minimum"]:

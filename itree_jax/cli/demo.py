@@ -104,13 +104,13 @@ def comparison(part: "Part", found: "Detections", truth: "Sequence[TrueObject]")
     counted = f"{len(set(worth) & set(instance.tolist()))} of {len(worth)} parts visible by {100 * WORTH_FINDING:.0f} %"
     other_right = [
         k for k, d in enumerate(found)
-        if instance[k] < 0 and d.equivalents
-        and errors_of(*split(np.stack(d.equivalents))).mssd.min() < RIGHT * part.diameter
+        if instance[k] < 0 and d.ambiguous
+        and errors_of(*split(np.stack([a.T_cam_obj for a in d.alternatives]))).mssd.min() < RIGHT * part.diameter
     ]  # fmt: skip
     wrong = int((instance < 0).sum()) - len(other_right)
     title = f"{counted} found, {wrong} of {len(found)} answers wrong"
     if other_right:
-        title += f", {len(other_right)} ambiguous (two poses look the same here, the other one is right)"
+        title += f", {len(other_right)} ambiguous (the scene does not tell two poses apart, the other one is right)"
     table = Table(*heads, title=title)
     for k, d in sorted(enumerate(found), key=lambda item: item[1].offer_rank):
         row = (str(d.offer_rank + 1), f"{d.score:.2f}", " ".join(f"{x:.1f}" for x in d.t_cam_obj))

@@ -6,10 +6,10 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import NEARLY_SAME, pose_distance
 
-# An agreeing pixel counts between 0 and 1, by how closely, with a deviation of about this under the sensor's noise; the
-# evidence of two equal poses differs by it times the root of their pixels.
-PIXEL_DEVIATION = 0.15
-FARTHEST = 6.0  # deviations of evidence beyond which a rival has no share
+# Likelihood ratios of poses whose true ones are equally likely scatter by about this, since refinement stops a little
+# off the best pose (experiments/refinement_nats.py): so much is no evidence.
+REFINEMENT_NATS = 50.0
+FARTHEST = 6.0  # times as much: beyond it a rival has no share
 
 
 def same_part_distance(
@@ -34,25 +34,26 @@ def same_part_distance(
 
 
 def rivals(
-    chosen: int, evidence: Float[np.ndarray, "hypotheses"], agreeing: Float[np.ndarray, "hypotheses"],
-    R: Float[np.ndarray, "hypotheses 3 3"], t: Float[np.ndarray, "hypotheses 3"], symmetries: Symmetries,
-    diameter: float,
-) -> tuple[Int[np.ndarray, "rivals"], float]:
-    """Other poses of the same place with nearly the evidence of the chosen one, and the share of belief left to it.
+    others: Int[np.ndarray, "others"], margins: Float[np.ndarray, "others"], R: Float[np.ndarray, "hypotheses 3 3"],
+    t: Float[np.ndarray, "hypotheses 3"], symmetries: Symmetries, diameter: float,
+) -> tuple[Int[np.ndarray, "rivals"], Float[np.ndarray, "rivals"]]:
+    """Of the other poses of an answer's place, those that it hardly beats, the likeliest first and each once, and the
+    share of belief that each takes from it.
 
-    Beliefs are in the ratio of exp(evidence / deviation): 1 without rivals, a half beside one that is as good.
+    `margins` [nats]: by how much the answer beats each, where the two differ. Beliefs are in the ratio of exp(-margin /
+    `REFINEMENT_NATS`): a half for one that is as good.
     """
-    deviation = PIXEL_DEVIATION * np.sqrt(max(float(agreeing[chosen]), 1.0))
-    here = np.linalg.norm(t - t[chosen], axis=-1) < 0.5 * diameter
-    close = np.flatnonzero(here & (evidence > evidence[chosen] - FARTHEST * deviation))
-    kept = [chosen]
-    for k in close[np.argsort(-evidence[close], kind="stable")]:
-        apart = same_part_distance(R[kept], t[kept], R[k], t[k], symmetries, diameter)
-        if apart.min() > NEARLY_SAME * diameter:
+    kept: list[int] = []
+    for k in np.argsort(margins, kind="stable"):
+        if margins[k] > FARTHEST * REFINEMENT_NATS:
+            break
+        pose = R[others[k]], t[others[k]]
+        found = others[kept]
+        apart = same_part_distance(R[found], t[found], *pose, symmetries, diameter)
+        if apart.min(initial=np.inf) > NEARLY_SAME * diameter:
             kept.append(int(k))
-    found = np.array(kept[1:], int)
-    weight = np.exp(np.minimum((evidence[found] - evidence[chosen]) / deviation, 0.0))
-    return found, float(1.0 / (1.0 + weight.sum()))
+    weight = np.exp(-np.maximum(margins[kept], 0.0) / REFINEMENT_NATS)
+    return others[kept], weight / (1.0 + weight.sum())
 
 
 def same_place(

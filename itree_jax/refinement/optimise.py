@@ -11,8 +11,9 @@ import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from itree_kernels.mesh import RayMesh
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
@@ -38,12 +39,20 @@ class RefineModel:
     normal_obj: Float[Array, "triangles 3"]  # zeros pad it to a multiple of TRIANGLE_BATCH
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
+    surface: SmoothSurface | None = None  # what the triangles stand for, padded likewise; None: themselves
 
 
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
     """Triangle normals with zeros up to a multiple of `TRIANGLE_BATCH`."""
     extra = -len(normal_obj) % TRIANGLE_BATCH
     return jnp.asarray(np.concatenate([normal_obj, np.zeros((extra, 3))]), jnp.float32)
+
+
+def padded_surface(surface: SmoothSurface) -> SmoothSurface:
+    """The smooth surface over the same triangles, with zeros likewise."""
+    extra = -len(surface.offset) % TRIANGLE_BATCH
+    bending, offset, face = (np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)]) for a in surface)
+    return SmoothSurface(jnp.asarray(bending, jnp.float32), jnp.asarray(offset, jnp.float32), jnp.asarray(face))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,11 +171,15 @@ def gauss_newton_step(
     stride: Int[Array, ""],
     size: int,
     elsewhere: NormalEquations | None = None,
+    surface: SmoothSurface | None = None,
+    last: Bool[Array, ""] | bool = True,
 ) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
     """One step of every hypothesis, with the normal equations it was taken from; `elsewhere`: of other cameras."""
 
     def one(R, t, seen, more):
-        equations = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride)
+        equations = total_equations(
+            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
+        )
         if more is not None:
             equations = NormalEquations(*(a + b for a, b in zip(equations, more, strict=True)))
         R, t = move(R, t, newton_twist(equations, reach))
@@ -187,6 +200,8 @@ def equations_elsewhere(
     deviations: Deviations,
     stride: Int[Array, ""],
     size: int,
+    surface: SmoothSurface | None = None,
+    last: Bool[Array, ""] | bool = True,
 ) -> NormalEquations:
     """Normal equations of another camera, for twists in the frame of the first one. Poses are in the other's frame.
 
@@ -195,8 +210,12 @@ def equations_elsewhere(
     turn = jnp.zeros((6, 6)).at[:3, :3].set(R_other_cam).at[3:, 3:].set(R_other_cam)
 
     def one(R, t, seen):
-        there = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride)
-        return NormalEquations(turn.T @ there.hessian @ turn, turn.T @ there.gradient, there.cost)
+        there = total_equations(
+            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
+        )
+        squares = (turn.T @ a @ turn for a in (there.hessian, there.information, there.spread))
+        hessian, information, spread = squares
+        return NormalEquations(hessian, turn.T @ there.gradient, there.cost, information, spread)
 
     return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted)
 
@@ -223,9 +242,8 @@ def refine(
 ) -> tuple[Hypotheses, NormalEquations]:
     """Refines every hypothesis against needle map, outline and depth, in all cameras jointly.
 
-    Returns the poses and the last normal equations (their inverse Hessian is the covariance of the twist). `jump` [mm]
-    is the least depth step of an occluding contour; `crease` [rad]: creases are contours too, as in
-    `correspondences`.
+    Returns the poses and the last normal equations (for the covariance see `uncertainty.py`). `jump` [mm] is the least
+    depth step of an occluding contour; `crease` [rad]: creases are contours too, as in `correspondences`.
     """
     if not any(stage.steps for stage in stages):
         raise ValueError("refine needs at least one step")
@@ -248,13 +266,14 @@ def refine(
                 needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),
                 contour_gate=jnp.float32(ramp(stage.contour_gate, step, stage.steps)),
             )
+            last = jnp.asarray(step == stage.steps - 1)
             more = [
-                _elsewhere(view, R, t, model, now, stage, stride, edges, crease) for view in others
+                _elsewhere(view, R, t, model, now, stage, stride, edges, crease, last) for view in others
             ]
             elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
             step_of = partial(
                 gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
-                deviations=now, stride=jnp.int32(stride), size=stage.size,
+                deviations=now, stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
             )
 
             def one_step(R, t, seen, more, step_of=step_of):
@@ -267,7 +286,7 @@ def refine(
 
 def _elsewhere(
     view: OtherView, R: np.ndarray, t: np.ndarray, model: RefineModel, deviations: Deviations, stage: Stage,
-    stride: int, edges: float | None, crease: float | None,
+    stride: int, edges: float | None, crease: float | None, last: Bool[Array, ""],
 ) -> NormalEquations:
     R_other, t_other = view.poses(R, t)
     origin = window_origins(view.camera, t_other, stage.size, stride)
@@ -277,6 +296,6 @@ def _elsewhere(
     equations_of = partial(
         equations_elsewhere, R_other_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
-        stride=jnp.int32(stride), size=stage.size,
+        stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
     )
     return in_batches(equations_of, stage.size, R_other, t_other, as_predicted(found, origin))

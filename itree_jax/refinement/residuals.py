@@ -6,10 +6,26 @@ A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from itree_jax.refinement.information import (
+    AT_OUTLINE,
+    MOST_FACES,
+    SIDES,
+    Measured,
+    SmoothSurface,
+    contour_jacobian,
+    depth_jacobian,
+    inside_of_contour,
+    measured,
+    needle_jacobian,
+    side_of,
+    surface_points,
+)
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
+from itree_jax.refinement.viewing import push_of, sight, unproject
 from itree_jax.sensing.needle import Array
 
 
@@ -41,11 +57,17 @@ class Deviations(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v)."""
+    """Sum of w J^T J, of w J^T r and of the robust cost; twist order (omega, v).
+
+    `hessian` is for the step, with correspondences fixed. `information` and `spread` are for the covariance
+    (`information.Measured`); both are the Hessian again where that was not asked for.
+    """
 
     hessian: Float[Array, "6 6"]
     gradient: Float[Array, "6"]
     cost: Float[Array, ""]
+    information: Float[Array, "6 6"]
+    spread: Float[Array, "6 6"]
 
 
 class WindowObservations(NamedTuple):
@@ -76,20 +98,6 @@ def look_up(
     )
 
 
-def sight(camera: CameraArrays, uv: Float[Array, "*n 2"]) -> Float[Array, "*n 3"]:
-    """Direction of sight with z = 1: how a point moves per mm of depth."""
-    x = (uv[..., 0] - camera.cx) / camera.fx * camera.pinhole
-    y = (uv[..., 1] - camera.cy) / camera.fy * camera.pinhole
-    return jnp.stack([x, y, jnp.ones_like(x)], axis=-1)
-
-
-def unproject(camera: CameraArrays, uv: Float[Array, "*n 2"], depth: Float[Array, "*n"]) -> Float[Array, "*n 3"]:
-    scale = jnp.where(camera.pinhole > 0, depth, 1.0)
-    x = (uv[..., 0] - camera.cx) / camera.fx * scale
-    y = (uv[..., 1] - camera.cy) / camera.fy * scale
-    return jnp.stack([x, y, depth], axis=-1)
-
-
 def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
     """Tukey's biweight of (residual / gate)^2: 1 at none, 0 from the gate on."""
     return jnp.square(jnp.clip(1.0 - squared, 0.0, 1.0))
@@ -97,7 +105,8 @@ def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 def _sums(jacobian: Float[Array, "n 6"], residual: Float[Array, "n"], weight: Float[Array, "n"]) -> NormalEquations:
     weighted = jacobian * weight[:, None]
-    return NormalEquations(weighted.T @ jacobian, weighted.T @ residual, jnp.sum(weight * residual**2))
+    hessian = weighted.T @ jacobian
+    return NormalEquations(hessian, weighted.T @ residual, jnp.sum(weight * residual**2), hessian, hessian)
 
 
 def depth_equations(
@@ -109,13 +118,20 @@ def depth_equations(
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     gap = window.depth - predicted.depth
     residual = gap * jnp.sum(normal * direction, axis=-1)
-    valid = (predicted.triangle >= 0) & (window.depth > 0)
-    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
-    count = jnp.sum(robust)
-    weight = robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
+    weight = depth_weights(predicted, window, residual, deviations)
     arm = unproject(camera, window.uv, predicted.depth) - t_cam_obj
     jacobian = -jnp.concatenate([jnp.cross(arm, normal), normal], axis=-1)
     return _sums(jacobian.reshape(-1, 6), residual.reshape(-1), weight.reshape(-1))
+
+
+def depth_weights(
+    predicted: Predicted, window: WindowObservations, residual: Float[Array, "s s"], deviations: Deviations
+) -> Float[Array, "s s"]:
+    """How much each pixel's depth counts [1 / mm^2] beside the depths that share its bias."""
+    valid = (predicted.triangle >= 0) & (window.depth > 0)
+    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
+    count = jnp.sum(robust)
+    return robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
 
 
 def needle_equations(
@@ -125,24 +141,40 @@ def needle_equations(
     """Needles: n_obs - R n_obj. Its Jacobian is the cross-product matrix of n, so that J^T J = I - n n^T."""
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     residual = window.normals - normal
-    squared = jnp.sum(residual**2, axis=-1)
-    same_surface = (window.depth <= 0) | (jnp.abs(gap) < deviations.depth_gate)
-    valid = (predicted.triangle >= 0) & (window.needle_weight > 0) & same_surface
-    robust = jnp.where(valid, window.needle_weight * tukey(squared / jnp.square(deviations.needle_gate)), 0.0)
-    count = jnp.sum(robust)
-    weight = robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
+    weight = needle_weights(predicted, window, normal, deviations, gap)
     outer = jnp.einsum("ij,ija,ijb->ab", weight, normal, normal)
     rotation = jnp.sum(weight) * jnp.eye(3) - outer
     gradient = jnp.einsum("ij,ija->a", weight, jnp.cross(residual, normal))
     hessian = jnp.zeros((6, 6)).at[:3, :3].set(rotation)
-    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), jnp.sum(weight * squared))
+    cost = jnp.sum(weight * jnp.sum(residual**2, axis=-1))
+    return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), cost, hessian, hessian)
 
 
-def contour_equations(
-    t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps, camera: CameraArrays,
-    deviations: Deviations,
-) -> NormalEquations:
-    """Occluding contour: distance [px] to the nearest observed edge point along that edge's own direction."""
+def needle_weights(
+    predicted: Predicted, window: WindowObservations, normal: Float[Array, "s s 3"], deviations: Deviations,
+    gap: Float[Array, "s s"],
+) -> Float[Array, "s s"]:
+    """How much each pixel's needle counts [1 / rad^2] beside the needles that share its bias."""
+    squared = jnp.sum((window.normals - normal) ** 2, axis=-1)
+    same_surface = (window.depth <= 0) | (jnp.abs(gap) < deviations.depth_gate)
+    valid = (predicted.triangle >= 0) & (window.needle_weight > 0) & same_surface
+    robust = jnp.where(valid, window.needle_weight * tukey(squared / jnp.square(deviations.needle_gate)), 0.0)
+    count = jnp.sum(robust)
+    return robust / (jnp.square(deviations.needle) + count * jnp.square(deviations.needle_bias))
+
+
+class MatchedContour(NamedTuple):
+    """Contour points with the observed edge of each; weight 0 where there is none."""
+
+    uv: Float[Array, "n 2"]  # [px]
+    depth: Float[Array, "n"]  # [mm]
+    direction: Float[Array, "n 2"]  # across the edge
+    residual: Float[Array, "n"]  # [px]
+    weight: Float[Array, "n"]  # [1 / px^2]
+
+
+def matched_contour(predicted: Predicted, observed: ObservedMaps, deviations: Deviations) -> MatchedContour:
+    """The nearest observed edge point of every contour point of the window."""
     uv = predicted.contour_uv.reshape(-1, 2)
     z = predicted.contour_depth.reshape(-1)
     height, width = observed.edge_label.shape
@@ -157,25 +189,69 @@ def contour_equations(
     deep = (edge_depth <= 0) | (jnp.abs(edge_depth - z) < 2.0 * deviations.depth_gate)
     valid = inside & (z > 0) & deep
     robust = jnp.where(valid, tukey(jnp.sum(gap**2, axis=-1) / jnp.square(deviations.contour_gate)), 0.0)
-    residual = jnp.where(valid, residual, 0.0)
     count = jnp.sum(robust)
     weight = robust / (jnp.square(deviations.contour) + count * jnp.square(deviations.contour_bias))
-    X = unproject(camera, uv, z)
-    scale = jnp.where(camera.pinhole > 0, jnp.maximum(z, 1.0), 1.0)
-    a = direction[:, 0] * camera.fx / scale
-    b = direction[:, 1] * camera.fy / scale
-    slope = -(a * X[:, 0] + b * X[:, 1]) / scale * camera.pinhole
-    push = jnp.stack([a, b, slope], axis=-1)  # d residual / d X
+    return MatchedContour(uv, z, direction, jnp.where(valid, residual, 0.0), weight)
+
+
+def contour_equations(
+    t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps, camera: CameraArrays,
+    deviations: Deviations,
+) -> NormalEquations:
+    """Occluding contour: distance [px] to the nearest observed edge point along that edge's own direction."""
+    match = matched_contour(predicted, observed, deviations)
+    X = unproject(camera, match.uv, match.depth)
+    push = push_of(X, match.depth, match.direction, camera)  # d residual / d X
     jacobian = jnp.concatenate([jnp.cross(X - t_cam_obj, push), push], axis=-1)
-    return _sums(jnp.where(valid[:, None], jacobian, 0.0), residual, weight)
+    return _sums(jnp.where(match.weight[:, None] > 0, jacobian, 0.0), match.residual, match.weight)
+
+
+def measured_information(
+    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
+    window: WindowObservations, normal_obj: Float[Array, "triangles 3"], surface: SmoothSurface, camera: CameraArrays,
+    deviations: Deviations,
+) -> Measured:
+    """What needles, depth and contour measure of the pose (see `information.py`), under the weights of the step.
+
+    Depth and needles of a component face share their bias, contour points of one side theirs.
+    """
+    gap = window.depth - predicted.depth
+    normal = normal_obj[predicted.triangle] @ R_cam_obj.T
+    off = gap * jnp.sum(normal * sight(camera, window.uv), axis=-1)
+    match = matched_contour(predicted, observed, deviations)
+
+    def on_surface(uv: Float[Array, "n 2"], depth: Float[Array, "n"], triangle: Int[Array, "n"]):
+        pitch = jnp.where(camera.pinhole > 0, depth, 1.0) / camera.fx
+        return surface_points(R_cam_obj, t_cam_obj, uv, depth, triangle, surface, camera), pitch
+
+    points, pitch = on_surface(window.uv.reshape(-1, 2), predicted.depth.reshape(-1), predicted.triangle.reshape(-1))
+    inner, fine = on_surface(match.uv, match.depth, inside_of_contour(predicted.depth, predicted.triangle))
+    reach = AT_OUTLINE * (window.uv[0, 1, 0] - window.uv[0, 0, 0]) * fine
+    by_depth = measured(
+        depth_jacobian(points)[:, None], depth_weights(predicted, window, off, deviations).reshape(-1), points.face,
+        MOST_FACES, deviations.depth, deviations.depth_bias,
+    )
+    by_needles = measured(
+        needle_jacobian(points, pitch), needle_weights(predicted, window, normal, deviations, gap).reshape(-1),
+        points.face, MOST_FACES, deviations.needle, deviations.needle_bias,
+    )
+    by_contour = measured(
+        contour_jacobian(inner, match.depth, match.direction, t_cam_obj, camera, reach)[:, None], match.weight,
+        side_of(match.direction), SIDES, deviations.contour, deviations.contour_bias,
+    )
+    information = by_depth.information + by_needles.information + by_contour.information
+    return Measured(information, by_depth.spread + by_needles.spread + by_contour.spread)
 
 
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
-    stride: Int[Array, ""] | int,
+    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None, last: Bool[Array, ""] | bool = True,
 ) -> NormalEquations:
-    """The normal equations of one hypothesis: needles + depth + contour."""
+    """The normal equations of one hypothesis: needles + depth + contour.
+
+    With the smooth `surface` that the triangles stand for, those of a `last` step tell what the image measures.
+    """
     window = look_up(observed, predicted.origin_uv, size, stride)
     gap = window.depth - predicted.depth
     terms = (
@@ -183,4 +259,14 @@ def total_equations(
         needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap),
         contour_equations(t_cam_obj, predicted, observed, camera, deviations),
     )
-    return NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))
+    total = NormalEquations(*(sum(parts[1:], parts[0]) for parts in zip(*terms, strict=True)))
+    if surface is None:
+        return total
+
+    def smooth() -> Measured:
+        return measured_information(
+            R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
+        )
+
+    found = jax.lax.cond(last, smooth, lambda: Measured(total.hessian, total.hessian))
+    return total._replace(information=found.information, spread=found.spread)

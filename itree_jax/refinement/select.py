@@ -13,6 +13,7 @@ from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, probabilit
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
+Rivals = tuple[Int[np.ndarray, "others"], Float[np.ndarray, "others"]]
 
 LEAST_OWN_SHARE = 0.6  # of a pose's support that no better pose has explained already
 CLEAR = 1.0  # [nats] by which a pixel must differ between two poses before it has a say on which is right
@@ -51,6 +52,8 @@ class Selection:
     score: Float[np.ndarray, "hypotheses"]  # probability of being right
     reason: tuple[str, ...]  # per hypothesis, "" if accepted
     measures: Measures  # of the accepted ones, beside each other
+    # of each accepted one: other poses of its place that no other answer excludes, and by how much it beats each [nats]
+    rivals: tuple[Rivals, ...]
 
 
 def select_jointly(
@@ -75,7 +78,8 @@ def select_jointly(
                 out[part, h] = "the rendered pose contradicts the scene"
     for _ in range(ROUNDS):
         accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
-        final = {key: _in_company(key, accepted, judged, alone, owner, share_space) for key in accepted}
+        rivals = {key: _rivals(key, accepted, judged, share_space) for key in accepted}
+        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
         improbable = [key for key in accepted if scores[key[0]][key[1]] < scoring.least]
@@ -85,19 +89,19 @@ def select_jointly(
     reasons |= out
     accepted = [key for key in accepted if key not in out]
     return [
-        _selection([h for p, h in accepted if p == part], part, scores[part], reasons, final)
+        _selection([h for p, h in accepted if p == part], part, scores[part], reasons, final, rivals)
         for part in range(len(judged))
     ]
 
 
 def _selection(
     mine: list[int], part: int, score: Float[np.ndarray, "hypotheses"], reasons: dict[Key, str],
-    final: dict[Key, Measures],
+    final: dict[Key, Measures], rivals: dict[Key, Rivals],
 ) -> Selection:
     measured = [final[part, h] for h in mine]
     columns = (np.array([m[k] for m in measured], float) for k in range(len(Measures._fields)))
     reason = tuple(reasons.get((part, h), "") for h in range(len(score)))
-    return Selection(np.array(mine, int), score, reason, Measures(*columns))
+    return Selection(np.array(mine, int), score, reason, Measures(*columns), tuple(rivals[part, h] for h in mine))
 
 
 def _greedy(
@@ -178,7 +182,7 @@ def measures_alone(one: Judged) -> Measures:
 
 def _in_company(
     key: Key, accepted: Sequence[Key], judged: Sequence[Judged], alone: Sequence[Measures],
-    owner: Int[np.ndarray, "height width"], share_space: Callable[[Key, Key], bool],
+    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"],
 ) -> Measures:
     """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals."""
     part, h = key
@@ -188,16 +192,24 @@ def _in_company(
     rows_h, columns_h = _places(one.support, h, one.support.hidden[h], owner.shape)
     covered = owner[rows_h, columns_h]
     by_nobody = int(((covered < 0) | (covered == number)).sum())
-    others = [other for other in accepted if other != key]
-    rivals = [
-        k for k in np.flatnonzero(one.near[h]) if not any(share_space((part, int(k)), other) for other in others)
-    ]
-    margins = [likelihood_ratio(one.support, h, int(k)) for k in rivals]
     return measured._replace(
         hidden=np.float64(by_nobody / (len(rows) + by_nobody + 1e-9)),
         own=np.float64(weight[owner[rows, columns] == number].sum() / max(float(weight.sum()), 1e-9)),
-        margin=np.float64(min(margins, default=np.inf)),
+        margin=np.float64(margins.min(initial=np.inf)),
     )
+
+
+def _rivals(
+    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool]
+) -> Rivals:
+    part, h = key
+    others = [other for other in accepted if other != key]
+    found = [
+        int(k) for k in np.flatnonzero(judged[part].near[h])
+        if not any(share_space((part, int(k)), other) for other in others)
+    ]  # fmt: skip
+    margins = [likelihood_ratio(judged[part].support, h, k) for k in found]
+    return np.array(found, int), np.array(margins, float)
 
 
 def _pixels(

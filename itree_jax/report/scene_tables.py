@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from itree_jax.detections import Detection, count_of_poses
 from itree_jax.report.decision_view import decision_path_view
 from itree_jax.report.markup import NOT_KNOWN, count_of, image, number, percent, table, text
 from itree_jax.report.palette import css
@@ -38,11 +39,23 @@ def pose_row(p: PoseView) -> list[str]:
     rank = f'<a href="#pose-{d.offer_rank}"><i class="key" style="background:{css(p.colour)}"></i>{d.offer_rank}</a>'
     std = None if d.rotation_std is None else np.degrees(d.rotation_std)
     return [
-        rank, f"{text(p.tree.part.name)}<br><small>obj {d.obj_id}</small>", number(d.score, 3),
+        rank, f"{text(p.tree.part.name)}<br><small>obj {d.obj_id}</small>", number(d.score, 3) + ambiguous_mark(d),
         triple(d.t_cam_obj, 1) + deviation(d.translation_std),
-        triple(np.degrees(Rotation.from_matrix(d.R_cam_obj).as_rotvec()), 1) + deviation(std),
+        triple(np.degrees(Rotation.from_matrix(d.R_cam_obj).as_rotvec()), 1) + deviation(std) + not_measured(d),
         number(d.height, 1), str(d.agreeing), str(d.contradicting), str(d.hidden),
     ]  # fmt: skip
+
+
+def ambiguous_mark(d: Detection) -> str:
+    """A second line where the scene doesn't tell the pose from another one."""
+    if not d.ambiguous:
+        return ""
+    return f'<br><span class="chip warn">ambiguous: {count_of(count_of_poses(d.alternatives), "pose")}</span>'
+
+
+def not_measured(d: Detection) -> str:
+    """Further lines with the directions that nothing in the image measures."""
+    return "".join(f"<br><small>not measured: {text(u.words)}</small>" for u in d.unobservable)
 
 
 def truth_cell(view: SceneView, k: int) -> str:
@@ -55,7 +68,8 @@ def truth_cell(view: SceneView, k: int) -> str:
 def pose_table_notes(view: SceneView) -> str:
     notes = (
         "Poses are model → camera (x right, y down, z forward). The rotation vector is the axis of rotation times the "
-        "angle. ± is one standard deviation along and about the camera's axes; ∞ where nothing measured binds it. "
+        "angle. ± is one standard deviation along and about the camera's axes; ∞ where nothing measured binds it. Not "
+        "measured: known to no better than 5 % of the diameter at the part's rim. "
         "Pixel counts are of the sample that verification looked at; the residual picture shows all pixels."
     )
     if view.comparison is not None:
@@ -103,11 +117,18 @@ def pose_fold(view: SceneView, p: PoseView, opened: bool) -> str:
 
 
 def equivalents(p: PoseView) -> str:
-    """What else the pose might be: the part's symmetries."""
-    found = p.detection.equivalents
-    if not found:
-        return ""
-    return f'<p class="muted">{count_of(len(found), "other pose looks", "other poses look")} the same.</p>'
+    """What else the pose might be: by the part's symmetries, and by what the scene doesn't tell."""
+    d, said = p.detection, []
+    if d.equivalents:
+        looks = count_of(len(d.equivalents), "other pose looks", "other poses look")
+        said.append(f"{looks} the same, by the part's symmetries.")
+    if d.alternatives:
+        own = percent(1.0 - sum(a.share for a in d.alternatives), 0)
+        others = ", ".join(percent(a.share, 0) for a in d.alternatives)
+        verdict = "Ambiguous: the scene does not tell" if d.ambiguous else "Not quite ruled out:"
+        poses = count_of(len(d.alternatives), "other pose", "other poses")
+        said.append(f"{verdict} {poses} of this place (belief {own} for this one, {others} for the others).")
+    return f'<p class="muted">{" ".join(said)}</p>' if said else ""
 
 
 def lost_table(view: SceneView) -> str:

@@ -198,17 +198,19 @@ def test_equations_are_those_of_the_residuals(camera, term):
     assert (weight > 0).sum() > 10
     assert (weight == 0).any()  # something lies beyond its gate
     expected_hessian, expected_gradient = numeric_equations(residual, weight)
-    hessian, gradient, cost = equations(case)[term]
+    hessian, gradient, cost, information, spread = equations(case)[term]
     scale = np.abs(expected_hessian).max()
     np.testing.assert_allclose(hessian, expected_hessian, rtol=1e-6, atol=1e-9 * scale)
     np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-6, atol=1e-9 * np.abs(expected_gradient).max())
+    np.testing.assert_array_equal(information, hessian)  # without a smooth surface
+    np.testing.assert_array_equal(spread, hessian)
     np.testing.assert_allclose(cost, np.sum(weight * residual(np.zeros(6)) ** 2), rtol=1e-9)
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_hessian_is_symmetric_and_positive_semidefinite(camera):
     found = equations(random_case(CAMERAS[camera], seed=1))
-    for hessian, _, cost in found.values():
+    for hessian, _, cost, *_ in found.values():
         np.testing.assert_allclose(hessian, hessian.T, rtol=0, atol=1e-12 * np.abs(hessian).max())
         values = np.linalg.eigvalsh(hessian)
         assert values[0] > -1e-12 * values[-1]
@@ -217,12 +219,12 @@ def test_hessian_is_symmetric_and_positive_semidefinite(camera):
 
 def test_the_total_is_the_sum():
     found = equations(random_case(CAMERAS["pinhole"], seed=2))
-    for k in range(3):
+    for k in range(5):
         np.testing.assert_allclose(found["total"][k], sum(found[name][k] for name in TERMS), rtol=1e-12)
 
 
 def test_needles_say_nothing_of_place():
-    hessian, gradient, _ = equations(random_case(CAMERAS["pinhole"], seed=3))["needle"]
+    hessian, gradient, *_ = equations(random_case(CAMERAS["pinhole"], seed=3))["needle"]
     assert not hessian[3:].any()
     assert not hessian[:, 3:].any()
     assert not gradient[3:].any()

@@ -7,7 +7,6 @@ from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
-from itree_jax.answers import twist_deviation
 from itree_jax.refinement.optimise import (
     Hypotheses,
     Stage,
@@ -18,6 +17,8 @@ from itree_jax.refinement.optimise import (
     window_origins,
     window_stride,
 )
+from itree_jax.refinement.uncertainty import RimMotions, rim_uncertainty
+from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
 
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
@@ -28,6 +29,12 @@ ATTITUDES = Rotation.from_rotvec([[2.2, 0.4, -0.9], [-0.7, 2.4, 0.5], [0.3, -1.2
 @pytest.fixture(scope="module")
 def bracket():
     return model_of(bundled_part("bracket"))
+
+
+def twist_deviation(information) -> np.ndarray:
+    """Of independent errors."""
+    rim = RimMotions(2.0, np.zeros(3))
+    return deviation_of(rim_uncertainty(information, information, rim, least=1e3), rim)
 
 
 def pose_error(hypotheses: Hypotheses, R, t) -> tuple[np.ndarray, np.ndarray]:

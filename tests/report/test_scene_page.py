@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from itree_kernels.errors import ItreeError
 
-from itree_jax.detections import Detections
+from itree_jax.detections import Alternative, Detections, Unobservable
 from itree_jax.report.scene_page import write_scene_report
 
 MOST_BYTES = 3_000_000  # for 640 x 480 px
@@ -78,6 +78,17 @@ def test_what_is_missing_is_left_out(tmp_path, scene, detections, tree, self_con
         assert said in page.text
     assert page.count("svg", "tree") == 2
     assert page.count("svg", "tree has-path") == 1
+
+
+def test_what_the_scene_does_not_tell_is_said(tmp_path, scene, detections, tree, self_contained):
+    first, second = detections
+    lost = Unobservable(np.eye(6)[5], "distance from the camera", 12.0)
+    doubtful = replace(first, unobservable=(lost,), alternatives=(Alternative(first.T_cam_obj, 0.25),))
+    both = replace(detections, detections=(doubtful, second))
+    page = self_contained(written(tmp_path / "s.html", scene, both, [tree]))
+    assert page.text.count("not measured: distance from the camera") == 1
+    assert page.text.count("ambiguous: 2 poses") == 1
+    assert "belief 75 % for this one, 25 % for the others" in page.text
 
 
 def test_the_truth_is_compared(tmp_path, scene, detections, tree, poses, self_contained):
