@@ -273,7 +273,7 @@ def refine(
             elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
             step_of = partial(
                 gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
-                deviations=now, stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
+                deviations=now, stride=jnp.int32(stride), size=stage.size, surface=model.surface if stage.contour else None, last=last,
             )
 
             def one_step(R, t, seen, more, step_of=step_of):
@@ -296,6 +296,6 @@ def _elsewhere(
     equations_of = partial(
         equations_elsewhere, R_other_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
-        stride=jnp.int32(stride), size=stage.size, surface=model.surface, last=last,
+        stride=jnp.int32(stride), size=stage.size, surface=model.surface if stage.contour else None, last=last,
     )
     return in_batches(equations_of, stage.size, R_other, t_other, as_predicted(found, origin))

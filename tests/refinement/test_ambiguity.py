@@ -6,7 +6,9 @@ from itree_cad.symmetry import Symmetries
 from scipy.spatial.transform import Rotation
 
 from itree_jax.detections import STRONG_ODDS, Alternative, Detection, count_of_poses
-from itree_jax.refinement.ambiguity import rivals, same_part_distance
+from itree_jax.refinement.ambiguity import REFINEMENT_NATS, rivals, same_part_distance, same_place
+from itree_jax.refinement.likelihood import Support
+from itree_jax.refinement.select import likelihood_ratio
 
 DIAMETER = 60.0
 NONE = Symmetries(np.eye(4)[None], ())
@@ -37,53 +39,48 @@ def test_symmetric_poses_are_one():
     assert same_part_distance(*turned(90.0, "x", (3.0, 0.0, 0.0)), R, T, REVOLVED, DIAMETER) > DIAMETER / 2
 
 
-@pytest.mark.parametrize(("symmetries", "count"), [(NONE, 1), (TWO_FOLD, 0)])
-def test_an_equal_pose_takes_half_of_the_belief_unless_it_is_the_same(symmetries, count):
-    R_other, t_other = turned(180.0)
-    found, share = rivals(
-        0, np.array([900.0, 900.0]), np.array([1000.0, 1000.0]), np.stack([R, R_other]), np.stack([T, t_other]),
-        symmetries, DIAMETER,
-    )  # fmt: skip
-    assert len(found) == count
-    assert 1.0 - share.sum() == pytest.approx(1.0 / (1 + count))
+def beside(poses, *margins: float, symmetries=NONE):
+    """Rivals of pose 0 among the others, which it beats by so many nats."""
+    R_all, t_all = (np.stack(values) for values in zip(*poses, strict=True))
+    return rivals(np.arange(1, len(poses)), np.array(margins), R_all, t_all, symmetries, DIAMETER)
 
 
-def test_a_clearly_worse_pose_or_one_elsewhere_is_no_rival():
-    R_other, t_other = turned(180.0)
-    poses = np.stack([R, R_other, R_other]), np.stack([T, t_other, t_other + np.array([40.0, 0.0, 0.0])])
-    found, share = rivals(0, np.array([900.0, 700.0, 900.0]), np.full(3, 1000.0), *poses, NONE, DIAMETER)
+def test_an_equal_pose_takes_half_of_the_belief():
+    found, share = beside([(R, T), turned(180.0)], 0.0)
+    assert found.tolist() == [1]
+    assert share.sum() == pytest.approx(0.5)
+
+
+def test_a_clearly_worse_pose_is_no_rival():
+    found, share = beside([(R, T), turned(180.0)], 1000.0)
     assert (len(found), share.sum()) == (0, 0.0)
 
 
-def test_an_answer_beside_is_no_rival():
-    R_other, t_other = turned(180.0)
-    poses, equal = (np.stack([R, R_other]), np.stack([T, t_other])), np.array([900.0, 900.0])
-    assert len(rivals(0, equal, equal, *poses, NONE, DIAMETER, answered=[0, 1])[0]) == 0
-    assert len(rivals(0, equal, equal, *poses, NONE, DIAMETER, answered=[0])[0]) == 1
-
-
-def test_rivals_come_likeliest_first_and_their_shares_are_in_the_ratio_of_the_likelihoods():
-    turns = [turned(angle) for angle in (0.0, 90.0, 180.0, 270.0)]
-    poses = np.stack([R for R, _ in turns]), np.stack([t for _, t in turns])
-    deviation = 0.15 * np.sqrt(1000.0)
-    evidence = 900.0 - deviation * np.array([0.0, 2.0, 1.0, 7.0])
-    found, share = rivals(0, evidence, np.full(4, 1000.0), *poses, NONE, DIAMETER)
+def test_rivals_come_likeliest_first_each_once_and_share_in_the_ratio_of_the_likelihoods():
+    poses = [turned(angle) for angle in (0.0, 90.0, 180.0, 270.0, 181.0)]
+    found, share = beside(poses, *(REFINEMENT_NATS * np.array([2.0, 1.0, 7.0, 1.5])))
     assert found.tolist() == [2, 1]
     np.testing.assert_allclose(share / (1.0 - share.sum()), np.exp([-1.0, -2.0]))
+    assert beside(poses[:2] + poses[2:3], 0.0, 0.0, symmetries=TWO_FOLD)[0].tolist() == [1, 2]
 
 
-TELLING = 40  # pixels of a small feature
+def test_only_other_poses_of_one_place_are_rivals():
+    """Not the same pose of the part, nor one elsewhere."""
+    poses = [(R, T), turned(180.0), turned(2.0), (R, T + np.array([40.0, 0.0, 0.0]))]
+    R_all, t_all = (np.stack(values) for values in zip(*poses, strict=True))
+    assert same_place(R_all, t_all, NONE, DIAMETER)[0].tolist() == [False, True, False, False]
+    assert not same_place(R_all, t_all, TWO_FOLD, DIAMETER)[0].any()
 
 
 @pytest.mark.parametrize(("seen", "poses_left"), [(True, 1), (False, 2)])
 def test_a_near_symmetric_part_is_decided_by_its_telling_feature(seen, poses_left):
-    """The pose and its half turn agree in 1000 pixels. Where the feature is seen, the one agrees and the other, which
-    shows plain surface there, contradicts; where it is hidden, neither says anything."""
-    R_other, t_other = turned(180.0)
-    evidence = np.array([940.0 + TELLING * seen, 940.0 - TELLING * seen])
-    found, share = rivals(
-        0, evidence, np.full(2, 1000.0), np.stack([R, R_other]), np.stack([T, t_other]), NONE, DIAMETER
-    )
+    """The pose and its half turn agree everywhere but in 40 pixels. Where these are seen, one pose agrees there by 6
+    nats a pixel and the other contradicts by 5; where they are hidden, neither says anything."""
+    pixels = np.full((2, 40, 40), 6.0, np.float16)
+    pixels[:, :4, :10] = [[[6.0]], [[-5.0]]] if seen else 0.0
+    nothing = np.zeros((2, 40, 40), bool)
+    one = Support(pixels, nothing, np.zeros(2), np.zeros(2), np.zeros((2, 2)), 1)
+    found, share = beside([(R, T), turned(180.0)], likelihood_ratio(one, 0, 1))
     alternatives = tuple(Alternative(np.eye(4), float(s)) for s in share)
     d = Detection(1, 0, 1, 0.9, R, T, alternatives=alternatives)
     assert len(found) == poses_left - 1
