@@ -181,10 +181,11 @@ def read_sight(
         return []
     measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
     said = ask_root(forest, measured, found.count)
+    bright = sight.bright
     answers = [
         interpret(prepared, part, asked, said, measured[prepared.pitch], sight, beam)
         for part, prepared in enumerate(forest.trees)
-        if len(asked := np.flatnonzero(said.left[:, part] & large_enough(found, prepared, beam.least)))
+        if len(asked := np.flatnonzero(said.left[:, part] & bright & large_enough(found, prepared, beam.least)))
     ]
     return compete(answers, sight)
 

@@ -52,6 +52,16 @@ class Sight:
         """Where depth comes from: "depth" (a map), "stereo" (a second camera) or "none"."""
         return "depth" if self.edge_reach == 0.0 else "stereo" if self.others else "none"
 
+    @property
+    def bright(self) -> Bool[np.ndarray, "regions"]:
+        """Regions that are no dark bin or floor: a light shows most of their pixels."""
+        count = self.found.count
+        if self.lit is None:
+            return np.ones(count, bool)
+        inside = self.found.labels >= 0
+        lit = np.bincount(self.found.labels[inside], self.lit[inside], minlength=count)
+        return lit > 0.5 * np.bincount(self.found.labels[inside], minlength=count)
+
     def of(
         self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None
     ) -> "Sight":
@@ -122,7 +132,7 @@ def look_with_two(
     return Sight(
         found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
-        R_w2c=R_w2c,
+        R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
     )
 
 
@@ -147,7 +157,7 @@ def look_with_one(
     centres = sensor.camera.unproject(found.centroid_uv, level)
     return Sight(
         found, needle, observe_images(images, sensor, needle, none), centres, STEREO_NOISE, sensor,
-        edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c,
+        edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
     )
 
 

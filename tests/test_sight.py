@@ -102,7 +102,9 @@ def test_a_depth_map_needs_no_images_edges(matte):
     assert sight.others == ()
     assert sight.edge_reach == 0.0
     assert sight.shared is None
-    assert sight.observed.shading.shape[-1] == 0
+    assert sight.observed.shading.shape[-1] == matte.sensor.light_count
+    assert sight.lit is not None
+    assert sight.kind == "depth"
 
 
 def answers_of(poses: int, score: float = 0.9) -> list:

@@ -273,7 +273,8 @@ def refine(
             elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
             step_of = partial(
                 gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
-                deviations=now, stride=jnp.int32(stride), size=stage.size, surface=model.surface if stage.contour else None, last=last,
+                deviations=now, stride=jnp.int32(stride), size=stage.size, last=last,
+                surface=model.surface if stage.contour else None,
             )
 
             def one_step(R, t, seen, more, step_of=step_of):

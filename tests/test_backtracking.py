@@ -1,0 +1,112 @@
+"""Backtracking: attitudes by posterior mass, the whole dome, and what accepted poses leave unexplained."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from itree_jax.backtracking import EDGE_OF_A_POSE, SURE, every_attitude, explained, left_over, likeliest
+from itree_jax.prepared import prepare
+from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.likelihood import Support
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.sight import look
+from itree_jax.simulate.bin import Bin
+from itree_jax.simulate.imaging import image_bin
+
+
+def hypotheses(region, log_p) -> RegionHypotheses:
+    count = len(region)
+    poses = Hypotheses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+    return RegionHypotheses(poses, np.array(region), np.arange(count), np.array(log_p, float))
+
+
+def test_the_fewest_attitudes_that_hold_the_mass_are_kept():
+    p = np.array([0.1, 0.5, 0.15, 0.25, 0.9, 0.1])
+    given = hypotheses([3, 3, 3, 3, 5, 5], np.log(p))
+    assert likeliest(given, 0.5).row.tolist() == [1, 4]
+    assert likeliest(given, 0.76).row.tolist() == [1, 2, 3, 4]
+    assert likeliest(given, 0.95).row.tolist() == [0, 1, 2, 3, 4, 5]
+    assert likeliest(given, 1e-9).row.tolist() == [1, 4]
+
+
+def test_attitudes_without_likelihood_hold_no_mass():
+    given = hypotheses([0, 0, 0], [0.0, -np.inf, -np.inf])
+    assert likeliest(given, 0.999).row.tolist() == [0]
+
+
+@pytest.fixture(scope="module")
+def prepared(paper_tree):
+    return prepare(paper_tree)
+
+
+@pytest.fixture(scope="module")
+def sight(paper_tree):
+    """One part on a table, seen with a depth map."""
+    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 0], degrees=True).as_matrix(), (0.0, 0.0, 20.0)
+    scene, _ = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    return look(scene.images, scene.sensor, scene.depth, scene.R_w2c)
+
+
+def test_the_dome_leaves_no_attitude_out(prepared, sight):
+    """Every rotation has one within what refinement reaches, and the part's surface is where the region's is."""
+    asked = np.arange(sight.found.count)[:1]
+    found = every_attitude(prepared, sight, asked, np.tile(np.eye(3), (sight.found.count, 1, 1)))
+    R = np.asarray(found.poses.R_cam_obj, float)
+    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-5)
+    wanted = Rotation.random(200, rng=0).as_matrix()
+    cosine = (np.einsum("kab,wab->wk", R, wanted).max(axis=1) - 1.0) / 2.0
+    assert np.degrees(np.arccos(cosine)).max() < 30.0
+    off = np.asarray(found.poses.t_cam_obj) - sight.segment_centre[0]
+    assert np.linalg.norm(off, axis=1).max() < prepared.tree.part.diameter
+    assert set(found.region) == {0}
+    # each stands for an appearance of a like attitude
+    of_row = prepared.tree.appearances.R_cam_obj[prepared.tree.appearances.attitude[found.row]]
+    cosine = (np.einsum("kab,kab->k", R, of_row) - 1.0) / 2.0
+    assert np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) < 25.0
+
+
+def answer(mask, origin, stride, score):
+    pixels = np.where(mask, 5.0, 0.0)[None].astype(np.float16)
+    support = Support(pixels, np.zeros(pixels.shape, bool), np.zeros(1), np.zeros(1), np.array([origin], float), stride)
+    selection = SimpleNamespace(accepted=np.array([0]), score=np.array([score]))
+    return SimpleNamespace(judged=SimpleNamespace(support=support), selection=selection)
+
+
+@pytest.mark.parametrize("stride", [1, 2, 3])
+def test_sure_poses_explain_their_pixels_and_those_beside(stride):
+    mask = np.zeros((10, 10), bool)
+    mask[2:6, 3:7] = True
+    one = answer(mask, (20, 10), stride, 0.99)
+    expected = np.zeros((60, 80), bool)
+    v, u, side, e = 10 + 2 * stride, 20 + 3 * stride, 4 * stride, EDGE_OF_A_POSE
+    expected[v - e : v + side + e, u - e : u + side + e] = True
+    np.testing.assert_array_equal(explained([one], (60, 80)), expected)
+    doubtful = answer(mask, (20, 10), stride, SURE - 0.01)
+    assert not explained([doubtful], (60, 80)).any()
+
+
+def test_what_is_explained_is_not_asked_again(sight):
+    whole = answer(np.ones((200, 240), bool), (0, 0), 1, 0.99)
+    assert left_over(sight, [whole]) is None
+    rest = left_over(sight, [])
+    assert rest.found.count >= sight.found.count
+    np.testing.assert_array_equal(rest.observed.depth, sight.observed.depth)
+
+
+def test_lit_surface_without_needles_makes_regions_by_its_depth(sight):
+    """As where a highlight or a lamp that failed leaves photometric stereo nothing to say."""
+    blind = replace(sight, needle=sight.needle._replace(interpretable=np.zeros_like(sight.needle.interpretable)))
+    rest = left_over(blind, [])
+    region = rest.found.labels >= 0
+    assert region.sum() > 0.5 * ((sight.found.labels >= 0) & sight.lit).sum()
+    assert (sight.lit[region]).all()
+    normals = np.asarray(rest.needle.normals)[region]
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-4)
+    both = region & (sight.found.labels >= 0)
+    cosine = np.sum(np.asarray(rest.needle.normals)[both] * np.asarray(sight.needle.normals)[both], axis=-1)
+    assert np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) < 4.0
