@@ -55,6 +55,7 @@ from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
+TOO_DARK = "it is darker than the parts"
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
 
@@ -222,10 +223,11 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
     unexplained = []
     for found in readings:
         of_reading = [a for a in answers if a.found is found]
+        bright = replace(sight, found=found).bright
         for r in range(found.count):
             number = numbers[id(found)] + r
             if number in there and number not in recognised:
-                reason = best_reason(of_reading, r) or NO_PART
+                reason = best_reason(of_reading, r) or (NO_PART if bright[r] else TOO_DARK)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r])})
     return Detections(
         describe(answers, forest.root), seconds, labels=labels, not_recognised=tuple(unexplained),
