@@ -108,7 +108,6 @@ def test_the_parts_are_found(paper_tree, cases, answers, k):
         assert (d.translation_std < 1.0).all()
         np.testing.assert_allclose(np.sqrt(np.diag(d.covariance)), [*d.rotation_std, *d.translation_std])
         assert d.unobservable == ()
-        assert not d.ambiguous
         assert d.decision_path
     assert sorted(d.offer_rank for d in answers[k]) == [0, 1]
     top, other = answers[k].by_offer

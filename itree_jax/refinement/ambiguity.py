@@ -6,9 +6,9 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import NEARLY_SAME, pose_distance
 
-# Likelihood ratios of poses whose true ones are equally likely scatter by about this, since refinement stops a little
-# off the best pose (experiments/refinement_nats.py): so much is no evidence.
-REFINEMENT_NATS = 50.0
+# Likelihood ratios of two refinements of one pose scatter by about this (68 % by less than 17), as refinement stops
+# a bit off the best pose (experiments/refinement_nats.py): so much is no evidence.
+REFINEMENT_NATS = 20.0
 FARTHEST = 6.0  # times as much: beyond it a rival has no share
 
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Float, Int
 
 from itree_jax.refinement.observed import CameraArrays
+from itree_jax.refinement.steady import steady_product
 from itree_jax.refinement.viewing import cross_matrix, push_of, sight, unproject
 from itree_jax.sensing.needle import Array
 
@@ -50,10 +51,10 @@ def measured(
     The weights keep a mean from becoming surer than the bias, but take it out on all directions alike, though a shift
     that all pixels share turns nothing. Here it counts where it acts.
     """
-    information = jnp.einsum("n,nka,nkb->ab", weight, jacobian, jacobian)
-    alone = jnp.einsum("n,nka,nkb->ab", jnp.square(weight), jacobian, jacobian)
-    member = weight[None] * (group[None] == jnp.arange(groups)[:, None])
-    together = jnp.einsum("gn,nka->gka", member, jacobian)
+    rows, each = jacobian.reshape(-1, 6), jnp.repeat(weight, jacobian.shape[1])[:, None]
+    information, alone = steady_product(each * rows, rows), steady_product(jnp.square(each) * rows, rows)
+    member = weight[:, None] * (group[:, None] == jnp.arange(groups))
+    together = steady_product(member, jacobian.reshape(len(weight), -1)).reshape(groups, -1, 6)
     shared = jnp.einsum("gka,gkb->ab", together, together)
     return Measured(information, jnp.square(deviation) * alone + jnp.square(bias) * shared)
 

@@ -25,6 +25,7 @@ from itree_jax.refinement.information import (
     surface_points,
 )
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
+from itree_jax.refinement.steady import steady_product
 from itree_jax.refinement.viewing import push_of, sight, unproject
 from itree_jax.sensing.needle import Array
 
@@ -105,8 +106,9 @@ def tukey(squared: Float[Array, "*n"]) -> Float[Array, "*n"]:
 
 def _sums(jacobian: Float[Array, "n 6"], residual: Float[Array, "n"], weight: Float[Array, "n"]) -> NormalEquations:
     weighted = jacobian * weight[:, None]
-    hessian = weighted.T @ jacobian
-    return NormalEquations(hessian, weighted.T @ residual, jnp.sum(weight * residual**2), hessian, hessian)
+    sums = steady_product(weighted, jnp.concatenate([jacobian, residual[:, None]], axis=-1))
+    hessian, gradient = sums[:, :-1], sums[:, -1]
+    return NormalEquations(hessian, gradient, jnp.sum(weight * residual**2), hessian, hessian)
 
 
 def depth_equations(
@@ -142,9 +144,10 @@ def needle_equations(
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     residual = window.normals - normal
     weight = needle_weights(predicted, window, normal, deviations, gap)
-    outer = jnp.einsum("ij,ija,ijb->ab", weight, normal, normal)
+    flat = normal.reshape(-1, 3)
+    outer = steady_product(flat * weight.reshape(-1, 1), flat)
     rotation = jnp.sum(weight) * jnp.eye(3) - outer
-    gradient = jnp.einsum("ij,ija->a", weight, jnp.cross(residual, normal))
+    gradient = steady_product(weight.reshape(-1, 1), jnp.cross(residual, normal).reshape(-1, 3))[0]
     hessian = jnp.zeros((6, 6)).at[:3, :3].set(rotation)
     cost = jnp.sum(weight * jnp.sum(residual**2, axis=-1))
     return NormalEquations(hessian, jnp.zeros(6).at[:3].set(gradient), cost, hessian, hessian)

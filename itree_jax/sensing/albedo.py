@@ -18,6 +18,7 @@ INTERREFLECTION = 0.05
 LEAST_ALBEDO, MOST_ALBEDO = 0.005, 5.0  # darker is noise, brighter is a mirror: the ends of the histogram
 BIN = 0.02  # of log albedo: finer than interreflection, wide enough for a thousand pixels to fill
 SMOOTHING_BINS = 2.0
+STEADY_COLUMNS = 256  # few enough that their sum is not shared between threads
 
 
 def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
@@ -59,5 +60,12 @@ def _mode(albedo: Float[Array, "pixels"], interpretable: Bool[Array, "pixels"]) 
     kernel = jnp.exp(-0.5 * (offsets / SMOOTHING_BINS) ** 2).astype(albedo.dtype)
     peak = jnp.argmax(jnp.convolve(histogram, kernel, mode="same"))
     near = weight * (jnp.abs(position - peak - 0.5) <= SMOOTHING_BINS)
-    total = near.sum()
-    return jnp.where(total > 0.0, (near * albedo).sum() / jnp.where(total > 0.0, total, 1.0), 0.0)
+    total = _steady_sum(near)
+    return jnp.where(total > 0.0, _steady_sum(near * albedo) / jnp.where(total > 0.0, total, 1.0), 0.0)
+
+
+def _steady_sum(values: Float[Array, "pixels"]) -> Float[Array, ""]:
+    """The sum in one order, whatever the number of threads: a last bit here would reach every pose."""
+    columns = jnp.pad(values, (0, -len(values) % STEADY_COLUMNS)).reshape(-1, STEADY_COLUMNS)
+    total, _ = jax.lax.scan(lambda sums, row: (sums + row, None), jnp.zeros(STEADY_COLUMNS, values.dtype), columns)
+    return total.sum()
