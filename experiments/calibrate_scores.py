@@ -22,6 +22,7 @@ from evaluate_scenes import scenes_of_parts, tree_of
 from jaxtyping import Bool, Float, Int
 from quality.reliability_tables import reliability_report
 from scipy.optimize import minimize
+from scipy.special import expit
 
 from itree_jax.cli.recognize import load_with_trees, with_depth_from
 from itree_jax.evaluation.judged import ScoredAnswers
@@ -34,7 +35,7 @@ from itree_jax.recognition import read_scene, selections
 from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, terms
 from itree_jax.tree.tree_file import load_tree
 
-RIDGE = 1e-3  # on standardised weights: some hundreds of answers for ten terms
+RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
 PRECISION = 0.985  # that answers should have together: the least probability follows from it
 
 
@@ -128,7 +129,7 @@ def fitted(X: Float[np.ndarray, "answers terms"], right: Bool[np.ndarray, "answe
 
     def loss(w: Float[np.ndarray, "weights"]) -> tuple[float, Float[np.ndarray, "weights"]]:
         odds = y * (Z @ w[:-1] + w[-1])
-        slope = -y / (1.0 + np.exp(odds)) / len(y)
+        slope = -y * expit(-odds) / len(y)
         gradient = np.append(slope @ Z + 2.0 * RIDGE * w[:-1], slope.sum())
         return float(np.logaddexp(0.0, -odds).mean() + RIDGE * np.sum(w[:-1] ** 2)), gradient
 
@@ -138,7 +139,7 @@ def fitted(X: Float[np.ndarray, "answers terms"], right: Bool[np.ndarray, "answe
 
 
 def of_terms(X: Float[np.ndarray, "answers terms"], model: Scoring) -> Float[np.ndarray, "answers"]:
-    return 1.0 / (1.0 + np.exp(-(X @ np.array(model.weights) + model.bias)))
+    return expit(X @ np.array(model.weights) + model.bias)
 
 
 def scored(rows: Sequence[Rows], score: Float[np.ndarray, "answers"]) -> ScoredAnswers:

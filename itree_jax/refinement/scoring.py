@@ -57,7 +57,7 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 
 # Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.
 SCORINGS = {
-    "depth": Scoring((0.342, 0.054, -0.489, -3.742, 2.211, 0.069, 4.003, 0.0, 1.386, 3.532), -11.987, 0.6),
-    "stereo": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
-    "none": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
+    "depth": Scoring((0.513, 0.049, -1.072, -9.926, 2.214, 0.245, 6.068, 0.0, 2.264, 3.093), -16.5, 0.55),
+    "stereo": Scoring((0.219, 0.0, -0.107, -5.008, 7.636, 0.0, 11.439, 2.931, 7.971, 5.234), -28.16, 0.8),
+    "none": Scoring((0.219, 0.0, -0.107, -5.008, 7.636, 0.0, 11.439, 2.931, 7.971, 5.234), -28.16, 0.8),
 }
