@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 from jaxtyping import Bool, Float
+
 from peers.foreground import foreground
 from peers.scenes import DepthScene
 

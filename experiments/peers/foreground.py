@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
 from peers.scenes import DepthScene
 
 FLOOR_MARGIN = 2.0  # [mm] above the floor: six deviations of a depth camera with 0.3 mm noise
@@ -11,7 +12,7 @@ NEIGHBOUR = 3.0  # [mm] in depth
 FEWEST = 12  # neighbours of 49: a corner of a face has 16, a wall seen under 80 degrees has 7 to 10
 BLUR = 13  # [px] across: normals next to a plane's edge are mixed with the next face's over 3 mm to each side
 PLANE_MARGIN = 1.5  # [mm], five deviations
-PLANE_ANGLE = np.cos(np.radians(15.0))  # normals of a plane's points, from 3 mm of noisy depth, are good to a few degrees
+PLANE_ANGLE = np.cos(np.radians(15.0))  # normals fitted to 3 mm of noisy depth are good to a few degrees
 LARGER = 1.5  # diameters: no face of a part is as long, and a row of touching coplanar faces seldom
 TRIES = 100  # plane pieces looked at, each new one at a point that no piece has had yet
 
@@ -25,10 +26,8 @@ def foreground(
     return without_large_planes(mask, points, normals, LARGER * diameter)
 
 
-def height_above_floor(
-    scene: DepthScene, points: Float[np.ndarray, "h w 3"]
-) -> Float[np.ndarray, "h w"]:
-    """Height [mm] above the world's z = 0, or above the farthest large plane if the scene does not tell where that is."""
+def height_above_floor(scene: DepthScene, points: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
+    """Height [mm] above the world's z = 0, or above the farthest pixels' plane if the scene does not tell its place."""
     if scene.R_w2c is not None and scene.t_w2c is not None:
         return (points - scene.t_w2c) @ scene.R_w2c[:, 2]
     seen = scene.depth > 0

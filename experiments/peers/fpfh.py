@@ -1,7 +1,7 @@
 """Open3D's FPFH (Rusu et al. 2009) with RANSAC: piece after piece of the scene is registered to the model.
 
-RANSAC gives one pose for one pair of clouds. For all parts of a bin it is asked for balls of the part's size around seeds
-spread over the scene; a ball is the source, the model the target, so that its fitness is the share explained. The
+RANSAC gives one pose for one pair of clouds. For all parts of a bin it is asked for balls of the part's size around
+seeds spread over the scene; a ball is the source, the model the target, so that its fitness is the share explained. The
 model's features are those of views of it, since a scan never sees the back whose points the feature would count.
 """
 
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import open3d as o3d
 from jaxtyping import Float, Int
+
 from peers.cloud import SceneCloud, point_cloud
 from peers.model import Model
 

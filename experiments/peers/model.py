@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 from jaxtyping import Float
+
 from peers.scenes import model_diameter, model_path
 
 DENSE = 40000  # points that ICP compares with: one per 0.5 mm or so on a part of 100 cm^2

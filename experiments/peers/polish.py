@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import open3d as o3d
 from jaxtyping import Float, Int
+
 from peers.cloud import SceneCloud, point_cloud
 from peers.model import Model, cast
 from peers.selection import Verified, agreement
@@ -56,9 +57,7 @@ def _icp(source, target, distance: float, T, iterations: int, robust: float | No
     return reg.registration_icp(source, target, distance, T, plane, stop).transformation
 
 
-def verified(
-    model: Model, cloud: SceneCloud, T_cam_obj: Float[np.ndarray, "4 4"], stride: int = STRIDE
-) -> Verified:
+def verified(model: Model, cloud: SceneCloud, T_cam_obj: Float[np.ndarray, "4 4"], stride: int = STRIDE) -> Verified:
     """What the depth map says to the model in this pose."""
     seen = covered(model, cloud, T_cam_obj, stride)
     z, normals = cloud.scene.depth.ravel()[seen.index], cloud.normals.reshape(-1, 3)[seen.index]

@@ -1,9 +1,9 @@
 """OpenCV's point pair features (Drost et al. 2010): poses voted for by pairs of oriented points.
 
-`cv2.ppf_match_3d` samples a cloud by cells that are a share of its extent along each axis, so that a flat scene gets flat
-cells: model and scene are sampled here, in cubes of one size, and the detector is told a share small enough to leave
-them so. Its clusters of poses are as wide as the relative sampling step in whatever unit the points have, and Python
-cannot set them otherwise: points are given in diameters, so that a cluster is as wide as a cell.
+`cv2.ppf_match_3d` samples a cloud by cells that are a share of its extent along each axis, so that a flat scene gets
+flat cells: model and scene are sampled here, in cubes of one size, and the detector is told a share small enough to
+leave them so. Its clusters of poses are as wide as the relative sampling step in whatever unit the points have, and
+Python cannot set them otherwise: points are given in diameters, so that a cluster is as wide as a cell.
 """
 
 from dataclasses import dataclass
@@ -12,11 +12,14 @@ import cv2
 import numpy as np
 import open3d as o3d
 from jaxtyping import Float
+
 from peers.cloud import SceneCloud
 from peers.model import Model
 
 SAMPLING = 0.05  # of the diameter: the documentation's value
-REFERENCES = 1 / 10  # of the scene points vote for poses: some twenty per part of a full bin, as voting takes most of the time
+REFERENCES = (
+    1 / 10
+)  # of the scene's points vote for poses: some twenty per part of a full bin; most of the time is theirs
 ANGLES = 30  # steps of 12 degrees, the documentation's default
 KEPT = 150  # poses with most votes that go to ICP: some ten per part of a full bin
 

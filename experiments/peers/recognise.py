@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from peers import fpfh, ppf
 from peers.cloud import SceneCloud, scene_cloud
 from peers.model import Model, load_model

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 ACCEPT = 0.5  # share of its visible pixels that an answer must explain alone: more than any rival can
-CONTRADICTED = 0.15  # share of them behind which the scene is seen: depth edges and small errors of the pose make a tenth
+CONTRADICTED = 0.15  # share of them behind which the scene is seen: pixels at the outline of a small part make a tenth
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def agreement(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Per pixel of the model whether the depth map explains it, and whether it contradicts it (the scene is behind).
 
-    Distances [mm] are taken along the model's normal, `angle` [deg] is between the normals; z = 0 says nothing. Neither is
-    true where something else is in front.
+    Distances [mm] are taken along the model's normal, `angle` [deg] is between the normals; z = 0 says nothing. Neither
+    is true where something else is in front.
     """
     slant = np.clip(np.abs(predicted_normal[:, 2]), 0.2, 1.0)
     gap = (z - predicted_z) * slant
