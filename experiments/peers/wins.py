@@ -80,9 +80,7 @@ def fates_in(scene: SceneTruth, results: BopResults, models: Mapping[int, Model]
     if n == 0:
         return [Fate(False, np.inf, np.inf, np.inf)] * m
     nearest = mssd.argmin(axis=0)
-    return [
-        Fate(k in found, *(float(table[nearest[k], k]) for table in (mssd, rotation, distance))) for k in range(m)
-    ]
+    return [Fate(k in found, *(float(table[nearest[k], k]) for table in (mssd, rotation, distance))) for k in range(m)]
 
 
 def moved(pose: Pose, x: Float[np.ndarray, "3"]) -> Float[np.ndarray, "*n 3"]:
