@@ -16,15 +16,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from evaluate_scenes import as_markdown
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part
 from itree_cad.part import Part
 from itree_kernels.instances import Material
 from itree_kernels.lit_scene import render_scene
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Bool, Float
+from quality.comparison import group_table
 from validate_simulated import Config as Simulated
-from validate_simulated import answers_for
+from validate_simulated import scenes_of
 
 from itree_jax.evaluation.report import Report, summarise
 from itree_jax.evaluation.truth import load_truth
@@ -64,12 +64,12 @@ def main(config: Config) -> None:
     """Writes `table.md` into `config.out` and prints it."""
     config.out.mkdir(parents=True, exist_ok=True)
     simulated = Simulated(out=config.out, sensor=config.sensor, scenes=config.scenes, seed=config.seed)
-    answers = {name: answers_for(name, simulated, k) for k, name in enumerate(config.parts)}
-    groups = {"all": summarise([s for found in answers.values() for s in found.scenes])}
-    groups |= {f"part {name}": summarise(found.scenes) for name, found in answers.items()}
+    answers = {name: scenes_of(name, simulated, k) for k, name in enumerate(config.parts)}
+    groups = {"all": summarise([s for found in answers.values() for s in found.counts])}
+    groups |= {f"part {name}": summarise(found.counts) for name, found in answers.items()}
     sensor = load_sensor(config.sensor)
     seen = {name: joined(needles_of(config.out / name / "dataset", name, sensor)) for name in config.parts}
-    tables = [as_markdown(Report(groups, 0).to_json()["groups"]), by_edge(joined(seen.values())), by_part(seen, sensor)]
+    tables = [group_table(Report(groups, 0).to_json()["groups"]), by_edge(joined(seen.values())), by_part(seen, sensor)]
     (config.out / "table.md").write_text("\n".join(tables))
     print("\n".join(tables))
 

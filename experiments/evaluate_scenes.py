@@ -8,17 +8,16 @@ The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the 
 import argparse
 import json
 import os
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from quality.comparison import group_table
 
 from itree_jax.cli.main import main as itree
 from itree_jax.evaluation import evaluate
 from itree_jax.results import read_bop_csv
 from itree_jax.sensing.scene_folder import scene_folders
-
-COLUMNS = ("top_pick", "recall_5", "precision_5")
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ def main(config: Config) -> None:
     read_bop_csv(csv)
     report = evaluate(config.dataset, csv)
     (config.out / "report.json").write_text(json.dumps(report.to_json(), indent=1))
-    table = as_markdown(report.to_json()["groups"])
+    table = group_table(report.to_json()["groups"])
     (config.out / "table.md").write_text(table)
     print(table)
 
@@ -88,23 +87,6 @@ def joined(results: Iterable[Path]) -> Iterable[str]:
     for k, path in enumerate(results):
         with path.open() as lines:
             yield from (line for number, line in enumerate(lines) if number > 0 or k == 0)
-
-
-def as_markdown(groups: dict) -> str:
-    """Top pick, recall, precision with their 95 % intervals, median errors and time of "all", levels and parts."""
-    heads = ("", "scenes", "top pick", "recall", "precision", "rotation", "position", "s per scene")
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for name, group in groups.items():
-        if not re.fullmatch(r"all|level \w+|part .+|level \w+, bin|lights \d+", name):
-            continue
-        rates = [
-            f"{group[c]['percent']:.0f} % ({group[c]['low']:.0f}-{group[c]['high']:.0f})" if group[c]["total"] else "-"
-            for c in COLUMNS
-        ]
-        medians = (("rot_deg", "{:.3f} deg"), ("trans_mm", "{:.3f} mm"), ("time_s", "{:.1f}"))
-        rest = ("-" if group[key] is None else form.format(group[key]) for key, form in medians)
-        lines.append(f"| {name} | {group['scenes']} | " + " | ".join([*rates, *rest]) + " |")
-    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

@@ -9,26 +9,21 @@ so they tell how the method does where its model of the sensor holds; `evaluate_
 import argparse
 import json
 import shutil
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from evaluate_scenes import as_markdown, run
+from evaluate_scenes import run
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part
+from quality.comparison import group_table
+from quality.reliability_tables import reliability_report
 
-from itree_jax.evaluation.matching import match
-from itree_jax.evaluation.pose_errors import Pose, mssd
-from itree_jax.evaluation.report import Report, SceneCounts, summarise, wilson_interval
-from itree_jax.evaluation.score import STRICT, score_scene
-from itree_jax.evaluation.truth import load_models, load_truth
-from itree_jax.results import read_bop_csv
+from itree_jax.evaluation.judged import JudgedScene, judge_answers, scored_answers
+from itree_jax.evaluation.reliability import calibration_error, equal_bins
+from itree_jax.evaluation.report import Report, SceneCounts, summarise
+from itree_jax.evaluation.score import score_scene
+from itree_jax.evaluation.truth import load_models
 from itree_jax.sensing.sensor_file import load_sensor
 from itree_jax.simulate import LOOKS, simulate
-
-EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)  # of the bins of scores; most answers are near an end
 
 
 @dataclass(frozen=True)
@@ -43,32 +38,31 @@ class Config:
 
 
 @dataclass(frozen=True)
-class Answers:
-    """Every answer for one part's scenes."""
+class Scored:
+    """One part's scenes: every answer, and what each scene adds to the rates."""
 
-    scenes: list[SceneCounts]
-    score: np.ndarray
-    right: np.ndarray  # MSSD under 5 % of the diameter, to an instance of its own
+    judged: list[JudgedScene]
+    counts: list[SceneCounts]
 
 
 def main(config: Config) -> None:
     """Writes `report.json` and `table.md` into `config.out`, and prints the tables."""
     config.out.mkdir(parents=True, exist_ok=True)
-    found = {name: answers_for(name, config, k) for k, name in enumerate(config.parts)}
-    groups = {"all": summarise([s for answers in found.values() for s in answers.scenes])}
-    groups |= {f"part {name}": summarise(answers.scenes) for name, answers in found.items()}
-    report = Report(groups, 0).to_json()
-    score = np.concatenate([answers.score for answers in found.values()])
-    right = np.concatenate([answers.right for answers in found.values()])
-    report |= {"config": asdict(config) | {"out": str(config.out)}, "reliability": reliability(score, right)}
-    report["calibration_error"] = calibration_error(report["reliability"])
+    found = {name: scenes_of(name, config, k) for k, name in enumerate(config.parts)}
+    groups = {"all": summarise([counts for one in found.values() for counts in one.counts])}
+    groups |= {f"part {name}": summarise(one.counts) for name, one in found.items()}
+    scored = scored_answers([scene for one in found.values() for scene in one.judged])
+    report = Report(groups, 0).to_json() | {
+        "config": asdict(config) | {"out": str(config.out)},
+        "calibration_error": calibration_error(equal_bins(scored.score, scored.right)),
+    }
     (config.out / "report.json").write_text(json.dumps(report, indent=1) + "\n")
-    table = as_markdown(report["groups"]) + "\n" + reliability_table(report["reliability"])
+    table = group_table(report["groups"]) + "\n" + reliability_report(scored)
     (config.out / "table.md").write_text(table)
     print(table)
 
 
-def answers_for(name: str, config: Config, number: int) -> Answers:
+def scenes_of(name: str, config: Config, number: int) -> Scored:
     """Simulates, compiles, recognises and scores one part."""
     folder = config.out / name
     shutil.rmtree(folder, ignore_errors=True)
@@ -81,56 +75,8 @@ def answers_for(name: str, config: Config, number: int) -> Answers:
     )  # fmt: skip
     run("compile", f"bundled:{name}", "--sensor", config.sensor, "-o", tree, "--quiet")
     run("recognize", dataset, tree, "-o", csv, "--quiet")
-    return score_answers(dataset, csv)
-
-
-def score_answers(dataset: Path, csv: Path) -> Answers:
-    """The counts of every scene, and every answer's score with whether it is right."""
-    models, results = load_models(dataset), read_bop_csv(csv)
-    counts, score, right = [], [], []
-    for scene in load_truth(dataset):
-        rows = results[results.scene_id == scene.scene_id]
-        counts.append(score_scene(rows, scene, models))
-        model = models[int(scene.obj_id[0])]
-        truth = Pose(scene.pose.R[None], scene.pose.t[None])
-        error = mssd(Pose(rows.R[:, None], rows.t[:, None]), truth, model.hull, model.symmetries) / model.diameter
-        score.append(rows.score)
-        right.append(match(error, rows.score, STRICT) >= 0)
-    return Answers(counts, np.concatenate(score), np.concatenate(right))
-
-
-def reliability(score: np.ndarray, right: np.ndarray) -> list[dict[str, Any]]:
-    """Bins of scores: answers, their mean score, the share of them that is right with its 95 % interval."""
-    rows = []
-    for low, high in pairwise(EDGES):
-        inside = (score >= low) & ((score < high) | (high == EDGES[-1]))
-        count = int(inside.sum())
-        interval = wilson_interval(int(right[inside].sum()), count)
-        rows.append({
-            "from": low, "to": high, "answers": count,
-            "mean_score": float(score[inside].mean()) if count else None,
-            "right": float(right[inside].mean()) if count else None, "low": interval[0], "high": interval[1],
-        })  # fmt: skip
-    return rows
-
-
-def calibration_error(rows: Sequence[dict[str, Any]]) -> float | None:
-    """Mean distance between score and share right over the answers; 0 when a fraction s of answers with score s is
-    right."""
-    total = sum(row["answers"] for row in rows)
-    gaps = [row["answers"] * abs(row["mean_score"] - row["right"]) for row in rows if row["answers"]]
-    return sum(gaps) / total if total else None
-
-
-def reliability_table(rows: Sequence[dict[str, Any]]) -> str:
-    lines = ["| score | answers | mean score | right (95 %) |", "|---|---|---|---|"]
-    for row in rows:
-        if row["answers"]:
-            share = f"{100 * row['right']:.0f} % ({100 * row['low']:.0f}-{100 * row['high']:.0f})"
-            scores = f"{row['from']:.1f}-{row['to']:.1f} | {row['answers']} | {row['mean_score']:.2f}"
-            lines.append(f"| {scores} | {share} |")
-    error = calibration_error(rows)
-    return "\n".join(lines) + ("\n" if error is None else f"\n\ncalibration error {error:.3f}\n")
+    models, judged = load_models(dataset), judge_answers(dataset, csv)
+    return Scored(judged, [score_scene(scene.answers, scene.truth, models) for scene in judged])
 
 
 if __name__ == "__main__":

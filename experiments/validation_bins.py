@@ -3,8 +3,8 @@
     python experiments/validation_bins.py [--out DIR] [--scenes N] [--parts NAME ...] [--seed S]
 
 A: Lambertian, direct light. B: light between the parts and the sensor's noise, three or four lights of told strengths.
-C: as B with a specular lobe, lights off by 1 degree and 2 % from what is told. Every scene has a second camera 120 mm to
-the right and a depth map of 0.3 mm noise. Needs the physics engine (extra `sim`). Scenes that exist already are kept.
+C: as B with a specular lobe, lights off by 1 degree and 2 % from what is told. Every scene has a second camera 120 mm
+to the right and a depth map of 0.3 mm noise. Needs the physics engine (extra `sim`). Scenes that are there are kept.
 """
 
 import argparse
@@ -84,7 +84,8 @@ def make_scene(part: Part, obj_id: int, scene_id: int, number: int, config: Conf
     look = look_of(level, rng)
     seeds = rng.integers(0, 2**31, 3).tolist()
     record = {
-        "obj_id": obj_id, "part": part.name, "level": level, "kind": "bin", "lights": int(lights), "material": look.name,
+        "obj_id": obj_id, "part": part.name, "level": level, "kind": "bin", "lights": int(lights),
+        "material": look.name,
     }  # fmt: skip
     folder = config.out / "test" / f"{scene_id:06d}"
     if folder.is_dir():

@@ -11,7 +11,7 @@ from itree_jax.detections import Detection
 from itree_jax.features.region import RegionFeatures
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import rivals
-from itree_jax.refinement.hypotheses import RegionHypotheses, evidence
+from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import NormalEquations
 from itree_jax.refinement.select import Judged, Selection
 from itree_jax.root_answer import RootAnswer, root_steps
@@ -34,52 +34,53 @@ class Interpretation:
     equations: NormalEquations
     judged: Judged
     selection: Selection
+    found: Regions  # that hypotheses count by
+    said: RootAnswer  # of these regions
 
     def row_of(self, region: int) -> int:
         """Of a region that was asked for."""
         return int(np.searchsorted(self.asked, region))
 
 
-def describe(
-    answers: Sequence[Interpretation], found: Regions, root: Root, said: RootAnswer
-) -> tuple[Detection, ...]:
+def describe(answers: Sequence[Interpretation], root: Root) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
     detections = [
-        describe_one(answer, int(h), found, root, said) for answer in answers for h in answer.selection.accepted
+        describe_one(answer, int(h), root) for answer in answers for h in answer.selection.accepted
     ]
     order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
     rank = {k: position for position, k in enumerate(order)}
     return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
 
 
-def describe_one(answer: Interpretation, h: int, found: Regions, root: Root, said: RootAnswer) -> Detection:
+def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
     """One accepted hypothesis. Its score is shared with rivals that explain the same place as well."""
     tree, verdict = answer.prepared.tree, answer.judged.verdict
     region = int(answer.hypotheses.region[h])
     R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
-    weight = evidence(verdict)
-    other, belief = rivals(
+    weight = answer.judged.log_likelihood
+    other, _ = rivals(
         h, weight, np.asarray(verdict.agreeing), R_all, t_all, tree.symmetries, tree.part.diameter
     )
     R, t = nearest_rotation(R_all[h]), t_all[h]
     std = twist_deviation(without_free_turns(np.asarray(answer.equations.hessian[h], float), tree, R))
-    pixels = answer.judged.stride**2  # image pixels that a window pixel stands for
+    seen = answer.judged.support
+    pixels = seen.stride**2  # image pixels that a window pixel stands for
     path = (
-        *root_steps(root, said, region, answer.part),
+        *root_steps(root, answer.said, region, answer.part),
         *decision_path(tree, answer.classification, answer.row_of(region), int(answer.hypotheses.row[h])),
     )
     return Detection(
         scene_id=0,
         im_id=0,
         obj_id=tree.obj_id,
-        score=float(answer.selection.score[h]) * belief,
+        score=float(answer.selection.score[h]),
         R_cam_obj=R,
         t_cam_obj=t,
         decision_path=(*path, verification_step(tree, float(weight[h]), [float(weight[k]) for k in other])),
-        agreeing=int(verdict.agreeing[h]) * pixels,
-        contradicting=int(verdict.contradicting[h]) * pixels,
-        hidden=int(verdict.hidden[h]) * pixels,
-        height=float(found.height[region]),
+        agreeing=int((seen.pixels[h] > 0).sum()) * pixels,
+        contradicting=int((seen.pixels[h] < 0).sum()) * pixels,
+        hidden=int(seen.hidden[h].sum()) * pixels,
+        height=float(answer.found.height[region]),
         rotation_std=std[:3],
         translation_std=std[3:],
         equivalents=(*equivalents(tree, R, t), *(pose_matrix(nearest_rotation(R_all[k]), t_all[k]) for k in other)),
@@ -138,4 +139,4 @@ def best_reason(answers: Sequence[Interpretation], region: int) -> str:
         (float(a.selection.score[h]), a.selection.reason[h])
         for a in answers for h in np.flatnonzero(a.hypotheses.region == region)
     ]
-    return max(reasons)[1] if reasons else "no hypothesis"
+    return max(reasons)[1] if reasons else ""

@@ -7,12 +7,24 @@ from functools import cache
 
 import numpy as np
 from itree_kernels.errors import ItreeError
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation, best_reason, describe
+from itree_jax.backtracking import (
+    DEEP,
+    FIRST,
+    LEAST_OPEN,
+    MOST_OPEN,
+    PLACING_SIZE,
+    Beam,
+    every_attitude,
+    left_over,
+    likeliest,
+)
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_response import responses_of_parts
+from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
     agreement,
@@ -22,13 +34,16 @@ from itree_jax.refinement.hypotheses import (
     rough_share,
     turned_about_axes,
 )
+from itree_jax.refinement.likelihood import support
 from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
 from itree_jax.refinement.schedule import Round, Schedule
-from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
+from itree_jax.refinement.scoring import SCORINGS, Scoring
+from itree_jax.refinement.select import Judged, Key, Selection, select_jointly, together
 from itree_jax.refinement.solids import share_space
 from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
+from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
@@ -40,7 +55,6 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
-PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 
 
 def recognize(
@@ -100,46 +114,93 @@ def recognize_one(
     """One image under each light -> its detections. See `recognize`."""
     forest = as_forest(trees)
     start = time.perf_counter()
+    answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second)
+    return detections_of(answers, forest, sight, time.perf_counter() - start)
+
+
+def read_scene(
+    forest: PreparedForest,
+    images: Float[np.ndarray, "lights height width"],
+    sensor: Sensor,
+    depth: Float[np.ndarray, "height width"] | None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+    second: SecondCamera | None = None,
+) -> tuple[list[Interpretation], Sight]:
+    """Looks, reads what the tree believes first, reads again with the response of the parts that were recognised, and
+    searches deeper where nothing was: all hypotheses with their verdicts, and what was seen.
+    """
     sight = look(images, sensor, depth, R_w2c, second)
-    answers, said = read_sight(forest, images, sight)
+    answers = read_sight(forest, images, sight, FIRST)
     responses = responses_of_parts(answers, sight) if depth is None else None  # a depth map has told it already
     if responses is not None:
         sight = look(images, sensor, depth, R_w2c, second, responses)
-        answers, said = read_sight(forest, images, sight)
-    found = sight.found
-    detections = describe(answers, found, forest.root, said) if said is not None else ()
-    recognised = {int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted}
-    unexplained = tuple(
-        {
-            "region": r, "reason": best_reason(answers, r) if said is not None and said.left[r].any() else NO_PART,
-            "height_mm": float(found.height[r]),
-        }
-        for r in range(found.count) if r not in recognised
-    )
-    return Detections(
-        detections, time.perf_counter() - start, labels=found.labels, not_recognised=unexplained,
-        interpretations=0 if said is None else int(said.left.sum()),
-    )
+        answers = read_sight(forest, images, sight, FIRST)
+    return search_deeper(forest, images, sight, answers), sight
 
 
 def read_sight(
-    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight
-) -> tuple[list[Interpretation], RootAnswer | None]:
-    """What each tree makes of the regions that the root leaves to it; None where there is no region."""
+    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, beam: Beam
+) -> list[Interpretation]:
+    """What each tree makes of the regions that the root leaves to it."""
     found, sensor = sight.found, sight.sensor
     if not found.count:
-        return [], None
+        return []
     measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
     said = ask_root(forest, measured, found.count)
     answers = [
-        interpret(prepared, part, np.flatnonzero(said.left[:, part]), measured[prepared.pitch], sight)
-        for part, prepared in enumerate(forest.trees) if said.left[:, part].any()
+        interpret(prepared, part, asked, said, measured[prepared.pitch], sight, beam)
+        for part, prepared in enumerate(forest.trees)
+        if len(asked := np.flatnonzero(said.left[:, part] & large_enough(found, prepared, beam.least)))
     ]
-    return compete(answers, (sensor.camera.height, sensor.camera.width)), said
+    return compete(answers, sight)
+
+
+def large_enough(found: Regions, prepared: Prepared, share: float) -> Bool[np.ndarray, "regions"]:
+    """Regions of at least this share of the part's usual area of a region."""
+    return found.area_mm2 >= share * float(np.median(prepared.tree.appearances.area))
+
+
+def search_deeper(
+    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight,
+    answers: list[Interpretation],
+) -> list[Interpretation]:
+    """Backtracking: what the accepted poses leave unexplained is read again, with all attitudes open."""
+    rest = left_over(sight, answers)
+    if rest is None:
+        return answers
+    return compete([*answers, *read_sight(forest, images, rest, DEEP)], sight)
+
+
+def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float) -> Detections:
+    """The accepted poses, and the regions without one. Regions of a second reading are counted after the first's."""
+    readings = list({id(a.found): a.found for a in answers}.values()) or [sight.found]
+    labels, first = readings[0].labels.copy(), 0
+    numbers = {}
+    for found in readings:
+        labels[found.labels >= 0] = found.labels[found.labels >= 0] + first
+        numbers[id(found)] = first
+        first += found.count
+    recognised = {
+        numbers[id(a.found)] + int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted
+    }
+    there = set(np.unique(labels).tolist())
+    unexplained = []
+    for found in readings:
+        of_reading = [a for a in answers if a.found is found]
+        for r in range(found.count):
+            number = numbers[id(found)] + r
+            if number in there and number not in recognised:
+                reason = best_reason(of_reading, r) or NO_PART
+                unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r])})
+    return Detections(
+        describe(answers, forest.root), seconds, labels=labels, not_recognised=tuple(unexplained),
+        interpretations=sum(len(a.asked) for a in answers),
+    )
 
 
 def interpret(
-    prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], measured: Measured, sight: Sight
+    prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], said: RootAnswer, measured: Measured, sight: Sight,
+    beam: Beam,
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, model, sensor = prepared.tree, prepared.model, sight.sensor
@@ -148,20 +209,29 @@ def interpret(
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
     )
-    hypotheses = as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam)
+    hypotheses = likeliest(as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam), beam.mass)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
+    if beam.whole_dome:
+        large = asked[large_enough(sight.found, prepared, LEAST_OPEN)[asked]]
+        large = np.sort(large[np.argsort(-sight.found.area_mm2[large], kind="stable")][:MOST_OPEN])
+        if len(large):
+            hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
-    hypotheses, equations = narrow(hypotheses, model, sight, plan.rounds, plan)
-    judged, selection = judge(hypotheses, prepared, sight, plan)
-    accepted = hypotheses.take(selection.accepted)
+    hypotheses, equations = narrow(hypotheses, model, sight, plan.rounds, plan, beam.keep)
+    judged = judge(hypotheses, prepared, sight, plan)
+    accepted = hypotheses.take(select(judged, prepared, hypotheses, sight).accepted)
     if len(accepted.region):
         turned = near_poses(accepted, prepared, sensor, plan.turned[0].stage.size)
         turned, more = narrow(turned, model, sight, plan.turned, plan)
         turned = turned._replace(region=accepted.region[turned.region])
+        judged = together(judged, judge(turned, prepared, sight, plan))
         hypotheses = joined(hypotheses, turned)
         equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
-        judged, selection = judge(hypotheses, prepared, sight, plan)
-    return Interpretation(prepared, part, asked, features, classification, hypotheses, equations, judged, selection)
+    judged = judged._replace(near=rivalry(hypotheses, prepared))
+    selection = select(judged, prepared, hypotheses, sight)
+    return Interpretation(
+        prepared, part, asked, features, classification, hypotheses, equations, judged, selection, sight.found, said
+    )
 
 
 def near_poses(
@@ -179,19 +249,28 @@ def near_poses(
     return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
 
 
-def judge(
-    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
-) -> tuple[Judged, Selection]:
-    """The last verification of all hypotheses with its stride [px], and which of them explain the scene together."""
-    tolerances, sensor = plan.rounds[-1].tolerances, sight.sensor
-    verdict, origin, stride = verify(
-        hypotheses.poses, prepared.model, sight.observed, sensor.camera, tolerances, plan.verify_size, plan.jump,
+def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> Judged:
+    """The last verification of all hypotheses: counts, and the likelihood of every pixel."""
+    model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
+    verdict, _, _ = verify(
+        hypotheses.poses, model, sight.observed, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
         sight.others,
     )
-    least = sensor.smallest_region / (sensor.mm_per_px * stride) ** 2
-    judged = Judged(verdict, origin, stride, least)
+    weighed = support(hypotheses.poses, model, sight.observed, camera, plan.errors, plan.jump, sight.others)
+    return Judged(verdict, weighed, sensor.smallest_region / sensor.mm_per_px**2, rivalry(hypotheses, prepared))
+
+
+def rivalry(hypotheses: RegionHypotheses, prepared: Prepared) -> Bool[np.ndarray, "hypotheses hypotheses"]:
+    """Which hypotheses are other poses of the same place."""
+    R, t = (np.asarray(a, float) for a in hypotheses.poses)
+    return same_place(R, t, prepared.tree.symmetries, prepared.model.diameter)
+
+
+def select(judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sight: Sight) -> Selection:
+    """Which hypotheses of one part explain the scene together."""
     collide = collisions([(prepared, hypotheses)])
-    return judged, select_jointly([judged], (sensor.camera.height, sensor.camera.width), collide)[0]
+    camera = sight.sensor.camera
+    return select_jointly([judged], (camera.height, camera.width), collide, SCORINGS[sight.kind])[0]
 
 
 def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
@@ -206,13 +285,19 @@ def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[
     return collide
 
 
-def compete(answers: list[Interpretation], image_shape: tuple[int, int]) -> list[Interpretation]:
-    """Several parts looked for in one bin: a place goes to the part that explains it best."""
+def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
+    """Several parts looked for in one bin, or one bin read twice: a place goes to the pose that explains it best."""
     if len(answers) < 2:
         return answers
+    chosen = selections(answers, sight, SCORINGS[sight.kind])
+    return [replace(a, selection=s) for a, s in zip(answers, chosen, strict=True)]
+
+
+def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:
+    """Which hypotheses of all answers explain the scene together, and how probable each is."""
     collide = collisions([(a.prepared, a.hypotheses) for a in answers])
-    selections = select_jointly([a.judged for a in answers], image_shape, collide)
-    return [replace(a, selection=s) for a, s in zip(answers, selections, strict=True)]
+    camera = sight.sensor.camera
+    return select_jointly([a.judged for a in answers], (camera.height, camera.width), collide, scoring)
 
 
 def as_hypotheses(
@@ -248,11 +333,12 @@ def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: S
 
 
 def narrow(
-    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule
+    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
+    keep: Sequence[int] | None = None,
 ) -> tuple[RegionHypotheses, NormalEquations]:
-    """Rounds of refining, verifying and keeping the best of every region."""
+    """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan."""
     equations, camera = None, sight.sensor.camera
-    for step in rounds:
+    for k, step in enumerate(rounds):
         poses, equations = refine(
             hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
@@ -263,7 +349,7 @@ def narrow(
             poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others
         )
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
-        kept = best_of_each_region(score, hypotheses, step.keep, model.diameter)
+        kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)
         equations = NormalEquations(*(e[kept] for e in equations))
     assert equations is not None

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
-from itree_jax.sensing.edges import scene_edges
+from itree_jax.sensing.edges import SceneEdges, scene_edges
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
@@ -22,6 +23,7 @@ from itree_jax.stereo.second_camera import SecondCamera
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
+LIT = 0.2  # of the parts' albedo: bins are darker, and reflected light fills most shadows with less
 CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
 
 
@@ -40,6 +42,25 @@ class Sight:
     edge_reach: float = 0.0  # [px] of contours' edges in the images; 0: contours end where depth does
     beside: tuple[NeedleMap, ...] = ()  # needle maps of the other cameras
     crease: float | None = None  # [rad] from which on creases of the model are contours too
+    depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
+    edges: SceneEdges | None = None  # that part regions where there is no depth
+    R_w2c: Float[np.ndarray, "3 3"] | None = None
+    lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
+
+    @property
+    def kind(self) -> str:
+        """Where depth comes from: "depth" (a map), "stereo" (a second camera) or "none"."""
+        return "depth" if self.edge_reach == 0.0 else "stereo" if self.others else "none"
+
+    def of(
+        self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None
+    ) -> "Sight":
+        """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays."""
+        if depth is None:
+            centres = self.sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+        else:
+            centres = segment_centres(found.labels, depth, self.sensor)
+        return replace(self, found=found, needle=needle, segment_centre=centres)
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
         """The rounds of refinement for a part of this diameter [mm] and a dome of this spacing [rad]."""
@@ -70,7 +91,12 @@ def look(
     found = regions(needle, depth, sensor, R_w2c)
     noise = depth_noise(depth, depth > 0)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
-    return Sight(found, needle, observed, segment_centres(found.labels, depth, sensor), noise, sensor)
+    if not sensor.is_depth_camera:
+        observed = with_shading(observed, images, sensor, needle)
+    return Sight(
+        found, needle, observed, segment_centres(found.labels, depth, sensor), noise, sensor, depth=depth, R_w2c=R_w2c,
+        lit=lit_by_any(images, sensor, needle),
+    )  # fmt: skip
 
 
 def look_with_two(
@@ -95,7 +121,8 @@ def look_with_two(
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
         found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
-        shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE,
+        shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
+        R_w2c=R_w2c,
     )
 
 
@@ -120,8 +147,21 @@ def look_with_one(
     centres = sensor.camera.unproject(found.centroid_uv, level)
     return Sight(
         found, needle, observe_images(images, sensor, needle, none), centres, STEREO_NOISE, sensor,
-        edge_reach=EDGE_REACH, crease=CREASE,
+        edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c,
     )
+
+
+def lit_by_any(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap
+) -> Bool[np.ndarray, "height width"] | None:
+    """Where a light shows more than a dark bin: a fifth of what the parts' material shows head-on. None for a camera
+    without lights.
+    """
+    if sensor.is_depth_camera:
+        return None
+    albedo = float(dominant_albedo(needle))
+    brightest = (images / sensor.light_intensities[:, None, None]).max(axis=0)
+    return np.asarray(brightest > LIT * albedo) if albedo > 0 else None
 
 
 def observe_images(
@@ -129,10 +169,19 @@ def observe_images(
     depth: Float[np.ndarray, "height width"],
 ) -> ObservedMaps:
     """What a camera's images show beside its needles: edges, and shading by the parts' albedo."""
+    observed = observe_with_edges(*believed(needle), depth, scene_edges(images, sensor, needle))
+    return with_shading(observed, images, sensor, needle)
+
+
+def with_shading(
+    observed: ObservedMaps, images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap
+) -> ObservedMaps:
+    """Intensities over the lights' strengths and the parts' albedo: n . l on a lit Lambertian surface."""
     albedo = float(dominant_albedo(needle)) or 1.0
     shading = np.moveaxis(images / (albedo * sensor.light_intensities[:, None, None]), 0, -1)
-    edges = scene_edges(images, sensor, needle)
-    return observe_with_edges(*believed(needle), depth, edges, shading, sensor.light_directions)
+    return observed._replace(
+        shading=jnp.asarray(shading, jnp.float32), light_directions=jnp.asarray(sensor.light_directions, jnp.float32)
+    )
 
 
 def believed(needle: NeedleMap) -> tuple[Float[np.ndarray, "height width 3"], Float[np.ndarray, "height width"]]:

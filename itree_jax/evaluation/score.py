@@ -1,15 +1,15 @@
 """The evaluation in one readable function: data set + results -> report."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
 from itree_jax.evaluation.matching import match
-from itree_jax.evaluation.pose_errors import Pose, add_s, mspd, pose_errors
+from itree_jax.evaluation.pose_errors import Pose, PoseErrors, add_s, mspd, pose_errors
 from itree_jax.evaluation.report import Report, SceneCounts, summarise
 from itree_jax.evaluation.truth import Model, SceneTruth, known_objects, load_models, load_truth
 from itree_jax.results import BopResults, read_bop_csv
@@ -58,8 +58,6 @@ def evaluate(dataset: str | Path, csv: str | Path) -> Report:
 
 def score_scene(results: BopResults, scene: SceneTruth, models: Mapping[int, Model]) -> SceneCounts:
     """The counts of one scene; `results` are its rows."""
-    if not known_objects(scene, dict(models)).all():
-        raise ItreeError(f"scene {scene.scene_id}: scene_gt.json has an object that models_info.json has not.")
     table = _error_table(results, scene, models)
     strict, loose = (match(table.mssd, results.score, limit) for limit in (STRICT, LOOSE))
     near = match(table.add_s, results.score, ADD_S_LIMIT)
@@ -84,22 +82,41 @@ def score_scene(results: BopResults, scene: SceneTruth, models: Mapping[int, Mod
     )
 
 
-def _error_table(results: BopResults, scene: SceneTruth, models: Mapping[int, Model]) -> _Table:
-    table = _Table(*(np.full((len(results), len(scene.obj_id)), np.inf) for _ in _Table._fields))
-    for obj_id in np.intersect1d(results.obj_id, scene.obj_id).tolist():
+def pose_error_table(results: BopResults, scene: SceneTruth, models: Mapping[int, Model]) -> PoseErrors:
+    """Errors of every answer of a scene against every instance, [answers, instances]; inf between different objects.
+
+    The MSSD is one of the diameter, the rotation in [rad], the translation in [mm]. Raises ItreeError when
+    models_info.json lacks an object.
+    """
+    if not known_objects(scene, dict(models)).all():
+        raise ItreeError(f"scene {scene.scene_id}: scene_gt.json has an object that models_info.json has not.")
+    table = PoseErrors(*(np.full((len(results), len(scene.obj_id)), np.inf) for _ in PoseErrors._fields))
+    for obj_id, cells, estimate, truth in _pairs(results, scene):
         model = models[obj_id]
-        rows, columns = np.flatnonzero(results.obj_id == obj_id), np.flatnonzero(scene.obj_id == obj_id)
-        cells = np.ix_(rows, columns)
-        estimate = Pose(results.R[rows, None], results.t[rows, None])
-        truth = Pose(scene.pose.R[None, columns], scene.pose.t[None, columns])
         errors = pose_errors(estimate, truth, model.hull, model.symmetries)
         table.mssd[cells] = errors.mssd / model.diameter
         table.rotation[cells], table.translation[cells] = errors.rotation, errors.translation
-        pixels = mspd(estimate, truth, model.hull, model.symmetries, scene.camera)
-        table.mspd[cells] = pixels * BOP_WIDTH / scene.camera.width
-        far = ADD_S_LIMIT * model.diameter
-        table.add_s[cells] = add_s(estimate, truth, model.samples, model.surface, far) / model.diameter
     return table
+
+
+def _error_table(results: BopResults, scene: SceneTruth, models: Mapping[int, Model]) -> _Table:
+    poses = pose_error_table(results, scene, models)
+    pixels, nearest = np.full(poses.mssd.shape, np.inf), np.full(poses.mssd.shape, np.inf)
+    for obj_id, cells, estimate, truth in _pairs(results, scene):
+        model = models[obj_id]
+        pixels[cells] = mspd(estimate, truth, model.hull, model.symmetries, scene.camera)
+        far = ADD_S_LIMIT * model.diameter
+        nearest[cells] = add_s(estimate, truth, model.samples, model.surface, far) / model.diameter
+    return _Table(poses.mssd, pixels * BOP_WIDTH / scene.camera.width, nearest, poses.rotation, poses.translation)
+
+
+def _pairs(results: BopResults, scene: SceneTruth) -> Iterator[tuple[int, Any, Pose, Pose]]:
+    """Of every object that is answered and there: cells of the table, estimates [rows, 1], true poses [1, columns]."""
+    for obj_id in np.intersect1d(results.obj_id, scene.obj_id).tolist():
+        rows, columns = np.flatnonzero(results.obj_id == obj_id), np.flatnonzero(scene.obj_id == obj_id)
+        estimate = Pose(results.R[rows, None], results.t[rows, None])
+        truth = Pose(scene.pose.R[None, columns], scene.pose.t[None, columns])
+        yield obj_id, np.ix_(rows, columns), estimate, truth
 
 
 def _bop_found(

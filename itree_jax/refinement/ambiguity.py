@@ -2,7 +2,7 @@
 
 import numpy as np
 from itree_cad.symmetry import Symmetries
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import NEARLY_SAME, pose_distance
 
@@ -53,3 +53,16 @@ def rivals(
     found = np.array(kept[1:], int)
     weight = np.exp(np.minimum((evidence[found] - evidence[chosen]) / deviation, 0.0))
     return found, float(1.0 / (1.0 + weight.sum()))
+
+
+def same_place(
+    R: Float[np.ndarray, "hypotheses 3 3"], t: Float[np.ndarray, "hypotheses 3"], symmetries: Symmetries,
+    diameter: float,
+) -> Bool[np.ndarray, "hypotheses hypotheses"]:
+    """Which poses are another's rivals: less than half a diameter away, and not the same pose of the part."""
+    here = np.linalg.norm(t[:, None] - t[None], axis=-1) < 0.5 * diameter
+    for k in range(len(t)):
+        mine = np.flatnonzero(here[k])
+        apart = same_part_distance(R[mine], t[mine], R[k], t[k], symmetries, diameter)
+        here[k, mine] = apart > NEARLY_SAME * diameter
+    return here | here.T

@@ -25,8 +25,8 @@ class ObservedMaps(NamedTuple):
     edge_uv: Float[Array, "edges 2"]  # [px]
     edge_normal: Float[Array, "edges 2"]  # unit, from the near to the far side
     edge_depth: Float[Array, "edges"]  # z of the near side [mm], 0 where unknown
-    # Intensity over the strength of the light and the parts' albedo: n . l on a lit Lambertian surface. No lights where
-    # depth is everywhere: then it tells more.
+    # Intensity over the strength of the light and the parts' albedo: n . l on a lit Lambertian surface. No lights until
+    # they are put in: a depth camera has none.
     shading: Float[Array, "height width lights"]
     light_directions: Float[Array, "lights 3"]  # camera frame
 
@@ -91,12 +91,10 @@ def observe_with_edges(
     needle_weight: Float[np.ndarray, "height width"],
     depth: Float[np.ndarray, "height width"],
     edges: SceneEdges,
-    shading: Float[np.ndarray, "height width lights"],
-    light_directions: Float[np.ndarray, "lights 3"],
 ) -> ObservedMaps:
     """Prepares one image whose edges come from its intensities: outlines and creases, no shadows.
 
-    `shading`: see `ObservedMaps`. The depth of an edge is that of what is known nearest around it; 0, unknown, where
+    The depth of an edge is that of what is known nearest around it; 0, unknown, where
     nothing is.
     """
     edges = edges.of(EdgeLabel.OUTLINE, EdgeLabel.CREASE, EdgeLabel.GEOMETRIC)
@@ -104,10 +102,7 @@ def observe_with_edges(
     u, v = np.clip(np.round(edges.uv).astype(int), 0, (width - 1, height - 1)).T
     side = 2 * EDGE_DEPTH_REACH + 1
     near = cv2.erode(np.where(depth > 0, depth, np.float32(np.inf)).astype(np.float32), np.ones((side, side)))[v, u]
-    maps = _with_edges(normals, needle_weight, depth, edges.uv, edges.direction, np.where(np.isfinite(near), near, 0.0))
-    return maps._replace(
-        shading=jnp.asarray(shading, jnp.float32), light_directions=jnp.asarray(light_directions, jnp.float32)
-    )
+    return _with_edges(normals, needle_weight, depth, edges.uv, edges.direction, np.where(np.isfinite(near), near, 0.0))
 
 
 def _with_edges(

@@ -19,6 +19,7 @@ from itree_jax.sensing.needle import Array
 
 DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
 SMALLEST_BATCH, BATCH = 16, 128
+LARGE_WINDOW, LARGE_BATCH = 48, 32  # few hypotheses reach the large windows, and padding costs most there
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 
 
@@ -72,17 +73,23 @@ class Stage:
     contour: bool = True  # False: no contours are looked for, which halves the time of a rough stage
 
 
-def batch_size(count: int) -> int:
-    """`SMALLEST_BATCH`, or a multiple of `BATCH`: compiled functions see batches of these two sizes only."""
-    return SMALLEST_BATCH if count <= SMALLEST_BATCH else -(-count // BATCH) * BATCH
+def batch_of(size: int) -> int:
+    """Hypotheses that a compiled function takes at once, with windows of `size` pixels per side."""
+    return LARGE_BATCH if size >= LARGE_WINDOW else BATCH
 
 
-def in_batches(function: Callable[..., Any], *arrays: Any) -> Any:
+def batch_size(count: int, size: int) -> int:
+    """`SMALLEST_BATCH`, or a multiple of the batch: compiled functions see batches of these two sizes only."""
+    batch = batch_of(size)
+    return SMALLEST_BATCH if count <= SMALLEST_BATCH else -(-count // batch) * batch
+
+
+def in_batches(function: Callable[..., Any], size: int, *arrays: Any) -> Any:
     """Calls a compiled function on slices of its arguments (trees of arrays with one leading axis, padded to a batch
     size) and joins what it returns, as NumPy arrays. One shape is compiled, and memory stays that of one batch.
     """
     count = len(jax.tree.leaves(arrays)[0])
-    step = min(count, BATCH)
+    step = min(count, batch_of(size))
     parts = []
     for k in range(0, count, step):
         some = jax.tree.map(lambda a, k=k: a[k : k + step], arrays)
@@ -90,9 +97,9 @@ def in_batches(function: Callable[..., Any], *arrays: Any) -> Any:
     return jax.tree.map(lambda *p: np.concatenate(p), *parts) if len(parts) > 1 else parts[0]
 
 
-def padded(hypotheses: Hypotheses) -> Hypotheses:
+def padded(hypotheses: Hypotheses, size: int) -> Hypotheses:
     """Repeats the last pose up to a batch size."""
-    extra = batch_size(len(hypotheses.t_cam_obj)) - len(hypotheses.t_cam_obj)
+    extra = batch_size(len(hypotheses.t_cam_obj), size) - len(hypotheses.t_cam_obj)
     return Hypotheses(*(np.concatenate([a, np.repeat(a[-1:], extra, axis=0)]).astype(np.float32) for a in hypotheses))
 
 
@@ -220,8 +227,10 @@ def refine(
     is the least depth step of an occluding contour; `crease` [rad]: creases are contours too, as in
     `correspondences`.
     """
+    if not any(stage.steps for stage in stages):
+        raise ValueError("refine needs at least one step")
     count = len(hypotheses.t_cam_obj)
-    R, t = (np.asarray(a) for a in padded(hypotheses))
+    R, t = (np.asarray(a) for a in padded(hypotheses, max(stage.size for stage in stages)))
     cam = camera_arrays(camera)
     reach = jnp.float32(model.reach)
     distance = float(np.median(t[:, 2]))
@@ -251,9 +260,8 @@ def refine(
             def one_step(R, t, seen, more, step_of=step_of):
                 return step_of(R, t, seen, elsewhere=more)
 
-            R, t, equations = in_batches(one_step, R, t, as_predicted(found, origin), elsewhere)
-    if equations is None:
-        raise ValueError("refine needs at least one step")
+            R, t, equations = in_batches(one_step, stage.size, R, t, as_predicted(found, origin), elsewhere)
+    assert equations is not None
     return Hypotheses(R[:count], t[:count]), NormalEquations(*(np.asarray(e)[:count] for e in equations))
 
 
@@ -271,4 +279,4 @@ def _elsewhere(
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
         stride=jnp.int32(stride), size=stage.size,
     )
-    return in_batches(equations_of, R_other, t_other, as_predicted(found, origin))
+    return in_batches(equations_of, stage.size, R_other, t_other, as_predicted(found, origin))

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 
+from itree_jax.refinement.likelihood import SensorErrors
 from itree_jax.refinement.optimise import Stage
 from itree_jax.refinement.residuals import Deviations
 from itree_jax.refinement.verify import Tolerances
@@ -42,6 +43,7 @@ class Schedule:
     rounds: tuple[Round, ...]  # of the candidates
     turned: tuple[Round, ...]  # of accepted poses under their near symmetries
     deviations: Deviations
+    errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
 
@@ -72,6 +74,7 @@ def schedule(
     def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
         return Tolerances(jnp.float32(depth), jnp.float32(needle), jnp.float32(least_jump), jnp.float32(edge))
 
+    polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
     rounds = (
         Round(
             Stage(1, 16, (start, start), (1.0, 1.0), (1.0, 1.0), contour=False),
@@ -89,15 +92,19 @@ def schedule(
             tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
         ),
         Round(
-            Stage(8, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
+            Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
             2,
             tolerances(fine, np.radians(20.0), jump),
         ),
+        Round(polish, 2, tolerances(fine, np.radians(20.0), jump)),
     )
     turned = (
         Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
-        Round(Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 1, rounds[3].tolerances),
+        Round(Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 1, rounds[3].tolerances),
+        Round(polish, 1, rounds[4].tolerances),
     )
     values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
-    return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), jump, 96)
+    reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, edge)
+    errors = SensorErrors(*(jnp.float32(v) for v in reckoned))
+    return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), errors, jump, 96)

@@ -1,22 +1,46 @@
-"""Selection: hypotheses of one place compete, because one pixel belongs to one part."""
+"""Selection: the poses that explain the scene together. One pixel belongs to one part, and solids share no space."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from itree_jax.refinement.hypotheses import agreement, evidence
+from itree_jax.refinement.hypotheses import contour_share
+from itree_jax.refinement.likelihood import Support
+from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, probability
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
 
-LEAST_OWN_SHARE = 0.6  # of a pose's agreeing pixels that no better pose has explained already
-USUAL_NEEDLES = 0.25  # of a part's visible pixels at least so many have a needle (half of it is lit by all lights)
-# Under it a pose is no answer. On simulated bins of the bundled parts nearly all wrong poses ended below and right ones
-# began above (experiments/validate_simulated.py).
-LEAST_SCORE = 0.3
+LEAST_OWN_SHARE = 0.6  # of a pose's support that no better pose has explained already
+CLEAR = 1.0  # [nats] by which a pixel must differ between two poses before it has a say on which is right
+ROUNDS = 3  # of selecting again without the poses that the others made unlikely
+
+
+class Judged(NamedTuple):
+    """The verified hypotheses of one part."""
+
+    verdict: Verdict
+    support: Support
+    least_pixels: float  # image pixels of the sensor's smallest region
+    near: Bool[np.ndarray, "hypotheses hypotheses"]  # other poses of the same place
+
+    @property
+    def log_likelihood(self) -> Float[np.ndarray, "hypotheses"]:
+        """That of each pose against something else being there [nats, by image pixels]."""
+        one = self.support
+        return (np.sum(one.pixels, axis=(1, 2), dtype=np.float64) + one.beside) * one.stride**2
+
+
+def together(first: Judged, second: Judged) -> Judged:
+    """Both lists, one after the other; who is near whom is to be told again."""
+    verdict = Verdict(*(np.concatenate(pair) for pair in zip(first.verdict, second.verdict, strict=True)))
+    count = len(verdict.agreeing)
+    return Judged(
+        verdict, first.support.joined(second.support), first.least_pixels, np.zeros((count, count), bool)
+    )
 
 
 @dataclass(frozen=True)
@@ -24,94 +48,183 @@ class Selection:
     """Accepted hypotheses in the order of acceptance, and why each of the others was not."""
 
     accepted: Int[np.ndarray, "accepted"]
-    score: Float[np.ndarray, "hypotheses"]
+    score: Float[np.ndarray, "hypotheses"]  # probability of being right
     reason: tuple[str, ...]  # per hypothesis, "" if accepted
-
-
-def score_of(verdict: Verdict, least_pixels: float) -> Float[np.ndarray, "hypotheses"]:
-    """Agreement in 0..1, lowered where few pixels support it (half at the sensor's smallest region), and where hardly
-    any of them has an agreeing needle: what only lies at the right depth may be anything.
-    """
-    size = verdict.agreeing / (verdict.agreeing + least_pixels)
-    needles = verdict.needles_agreeing / np.maximum(USUAL_NEEDLES * verdict.agreeing, 1.0)
-    return np.clip(agreement(verdict), 0.0, 1.0) * size * np.clip(0.5 + 0.5 * needles, 0.0, 1.0)
-
-
-class Judged(NamedTuple):
-    """The verified hypotheses of one part."""
-
-    verdict: Verdict
-    origin_uv: Float[np.ndarray, "hypotheses 2"]  # image point of window pixel (0, 0) [px]
-    stride: int  # [px]
-    least_pixels: float  # window pixels of the sensor's smallest region
-
-
-def select(
-    verdict: Verdict,
-    origin_uv: Float[np.ndarray, "hypotheses 2"],
-    stride: int,
-    image_shape: tuple[int, int],
-    least_pixels: float,
-    share_space: Callable[[int, int], bool],
-) -> Selection:
-    """`select_jointly` for the hypotheses of one part. `share_space(h, k)`: whether two poses collide."""
-    one = Judged(verdict, origin_uv, stride, least_pixels)
-    return select_jointly([one], image_shape, lambda a, b: share_space(a[1], b[1]))[0]
+    measures: Measures  # of the accepted ones, beside each other
 
 
 def select_jointly(
-    judged: Sequence[Judged], image_shape: tuple[int, int], share_space: Callable[[Key, Key], bool]
+    judged: Sequence[Judged], image_shape: tuple[int, int], share_space: Callable[[Key, Key], bool], scoring: Scoring,
 ) -> list[Selection]:
-    """Takes hypotheses of all parts greedily by evidence in image pixels; each must explain pixels of its own and stay
-    out of the others' solids.
+    """Takes hypotheses of all parts greedily by likelihood; each must explain pixels of its own and stay out of the
+    others' solids. Poses that are improbable beside the accepted ones are left out, and the rest is selected again.
 
     A hypothesis is keyed by (part, index); `share_space(a, b)` tells whether two poses collide. Returns one selection
     per part.
     """
-    scores = [score_of(j.verdict, j.least_pixels) for j in judged]
-    reasons = [["" for _ in score] for score in scores]
-    owned = np.zeros(image_shape, bool)
-    accepted: list[Key] = []
-    for part, h in _by_evidence(judged, scores):
-        one = judged[part]
-        if one.verdict.agreeing[h] < one.least_pixels:
-            reasons[part][h] = "too few agreeing pixels"
-            continue
-        if scores[part][h] < LEAST_SCORE:
-            reasons[part][h] = "the rendered pose contradicts the scene"
-            continue
-        rows, columns = _pixels(one, h, image_shape)
-        if np.mean(~owned[rows, columns]) < LEAST_OWN_SHARE:
-            reasons[part][h] = "a better pose explains the same pixels"
-            continue
-        if any(share_space((part, h), other) for other in accepted):
-            reasons[part][h] = "it would share space with a better pose"
-            continue
-        for i in range(one.stride):  # a window pixel stands for a square of the image
-            for j in range(one.stride):
-                owned[np.minimum(rows + i, image_shape[0] - 1), np.minimum(columns + j, image_shape[1] - 1)] = True
-        accepted.append((part, h))
+    likelihood = [one.log_likelihood for one in judged]
+    alone = [measures_alone(one) for one in judged]
+    scores = [probability(m, scoring) for m in alone]
+    out: dict[Key, str] = {}
+    for part, one in enumerate(judged):
+        agreeing = (one.support.pixels > 0).sum(axis=(1, 2)) * one.support.stride**2
+        for h in range(len(agreeing)):
+            if agreeing[h] < one.least_pixels:
+                out[part, h] = "too few agreeing pixels"
+            elif scores[part][h] < HOPELESS:
+                out[part, h] = "the rendered pose contradicts the scene"
+    for _ in range(ROUNDS):
+        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
+        final = {key: _in_company(key, accepted, judged, alone, owner, share_space) for key in accepted}
+        for (part, h), measured in final.items():
+            scores[part][h] = probability(measured, scoring)
+        improbable = [key for key in accepted if scores[key[0]][key[1]] < scoring.least]
+        if not improbable:
+            break
+        out |= dict.fromkeys(improbable, "it is improbable beside the accepted poses")
+    reasons |= out
+    accepted = [key for key in accepted if key not in out]
     return [
-        Selection(np.array([h for p, h in accepted if p == part], int), scores[part], tuple(reasons[part]))
+        _selection([h for p, h in accepted if p == part], part, scores[part], reasons, final)
         for part in range(len(judged))
     ]
 
 
-def _by_evidence(judged: Sequence[Judged], scores: Sequence[Float[np.ndarray, "hypotheses"]]) -> list[Key]:
-    """All hypotheses, those of most evidence (in image pixels, times score) first; ties by part and index."""
-    weighed = [
-        (-float(weight), part, h)
-        for part, (one, score) in enumerate(zip(judged, scores, strict=True))
-        for h, weight in enumerate(evidence(one.verdict) * score * one.stride**2)
+def _selection(
+    mine: list[int], part: int, score: Float[np.ndarray, "hypotheses"], reasons: dict[Key, str],
+    final: dict[Key, Measures],
+) -> Selection:
+    measured = [final[part, h] for h in mine]
+    columns = (np.array([m[k] for m in measured], float) for k in range(len(Measures._fields)))
+    reason = tuple(reasons.get((part, h), "") for h in range(len(score)))
+    return Selection(np.array(mine, int), score, reason, Measures(*columns))
+
+
+def _greedy(
+    judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]], image_shape: tuple[int, int],
+    share_space: Callable[[Key, Key], bool], out: dict[Key, str],
+) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "height width"]]:
+    """The accepted hypotheses, why others are not, and whose each pixel is (-1 nobody's)."""
+    owner = np.full(image_shape, -1)
+    accepted: list[Key] = []
+    reasons: dict[Key, str] = {}
+    weighed = sorted(
+        (-float(value), part, h) for part, values in enumerate(likelihood) for h, value in enumerate(values)
+        if (part, h) not in out
+    )
+    waiting = [(part, h) for _, part, h in weighed]
+    while waiting:
+        key = _best_of_place(waiting, judged)
+        waiting.remove(key)
+        rows, columns, weight = _pixels(judged[key[0]].support, key[1], image_shape)
+        own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
+        if own < LEAST_OWN_SHARE:
+            reasons[key] = "a better pose explains the same pixels"
+        elif any(share_space(key, other) for other in accepted):
+            reasons[key] = "it would share space with a better pose"
+        else:
+            _take(owner, rows, columns, judged[key[0]].support.stride, len(accepted))
+            accepted.append(key)
+    return accepted, reasons, owner
+
+
+def _best_of_place(waiting: Sequence[Key], judged: Sequence[Judged]) -> Key:
+    """The likeliest hypothesis, or another one of its place that wins where the two differ."""
+    part, best = waiting[0]
+    one = judged[part]
+    for p, h in waiting[1:]:
+        if p == part and one.near[best, h] and likelihood_ratio(one.support, h, best) > 0.0:
+            best = h
+    return part, best
+
+
+def likelihood_ratio(support: Support, a: int, b: int) -> float:
+    """log p(scene | a) / p(scene | b) [nats], from the pixels in which the two poses clearly differ.
+
+    Two refined poses of one place differ a little everywhere, by what is left of their errors; that says nothing.
+    """
+    shift = np.round((support.origin_uv[b] - support.origin_uv[a]) / support.stride).astype(int)
+    size = support.pixels.shape[1] + np.abs(shift).max()
+    both = np.zeros((2, size, size), np.float32)
+    for k, (h, move) in enumerate(((a, np.maximum(-shift, 0)), (b, np.maximum(shift, 0)))):
+        window = support.pixels[h]
+        both[k, move[1] : move[1] + len(window), move[0] : move[0] + len(window)] = window
+    differ = both[0] - both[1]
+    beside = float(support.beside[a] - support.beside[b])
+    return (float(differ[np.abs(differ) > CLEAR].sum()) + beside) * support.stride**2
+
+
+def measures_alone(one: Judged) -> Measures:
+    """What the scores of all hypotheses go by, were they alone in the scene."""
+    pixels = one.support.pixels.astype(np.float32)
+    agreeing = (pixels > 0).sum(axis=(1, 2))
+    for_, against = np.maximum(pixels, 0).sum(axis=(1, 2)), -np.minimum(pixels, 0).sum(axis=(1, 2))
+    hidden = one.support.hidden.sum(axis=(1, 2))
+    some = np.maximum(agreeing, 1)
+    verdict = one.verdict
+    return Measures(
+        size=np.log(np.maximum(agreeing * one.support.stride**2, 1) / one.least_pixels),
+        fit=for_ / some,
+        against=against / np.maximum(for_, 1.0),
+        hidden=hidden / (some + hidden),
+        lit=one.support.lit / some,
+        needles=verdict.needles_agreeing / np.maximum(verdict.agreeing, 1.0),
+        contour=contour_share(verdict),
+        beside=one.support.beside / np.maximum(for_, 1.0),
+        own=np.ones(len(some)),
+        margin=np.full(len(some), np.inf),
+    )
+
+
+def _in_company(
+    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], alone: Sequence[Measures],
+    owner: Int[np.ndarray, "height width"], share_space: Callable[[Key, Key], bool],
+) -> Measures:
+    """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals."""
+    part, h = key
+    one, number = judged[part], list(accepted).index(key)
+    measured = Measures(*(np.asarray(values)[h] for values in alone[part]))
+    rows, columns, weight = _pixels(one.support, h, owner.shape)
+    rows_h, columns_h = _places(one.support, h, one.support.hidden[h], owner.shape)
+    covered = owner[rows_h, columns_h]
+    by_nobody = int(((covered < 0) | (covered == number)).sum())
+    others = [other for other in accepted if other != key]
+    rivals = [
+        k for k in np.flatnonzero(one.near[h]) if not any(share_space((part, int(k)), other) for other in others)
     ]
-    return [(part, h) for _, part, h in sorted(weighed)]
+    margins = [likelihood_ratio(one.support, h, int(k)) for k in rivals]
+    return measured._replace(
+        hidden=np.float64(by_nobody / (len(rows) + by_nobody + 1e-9)),
+        own=np.float64(weight[owner[rows, columns] == number].sum() / max(float(weight.sum()), 1e-9)),
+        margin=np.float64(min(margins, default=np.inf)),
+    )
 
 
 def _pixels(
-    one: Judged, h: int, image_shape: tuple[int, int]
+    support: Support, h: int, image_shape: tuple[int, int]
+) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"], Float[np.ndarray, "pixels"]]:
+    """Rows and columns of the image pixels that a hypothesis explains, and how well [nats]."""
+    mask = support.pixels[h] > 0
+    return *_places(support, h, mask, image_shape), support.pixels[h][mask].astype(np.float32)
+
+
+def _places(
+    support: Support, h: int, mask: Bool[np.ndarray, "s s"], image_shape: tuple[int, int]
 ) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"]]:
-    """Rows and columns of the image pixels that a hypothesis explains."""
-    i, j = np.nonzero(one.verdict.explained[h])
-    u0, v0 = one.origin_uv[h].astype(int)
-    rows = np.clip(v0 + one.stride * i, 0, image_shape[0] - 1)
-    return rows, np.clip(u0 + one.stride * j, 0, image_shape[1] - 1)
+    i, j = np.nonzero(mask)
+    u0, v0 = support.origin_uv[h].astype(int)
+    rows = np.clip(v0 + support.stride * i, 0, image_shape[0] - 1)
+    return rows, np.clip(u0 + support.stride * j, 0, image_shape[1] - 1)
+
+
+def _take(
+    owner: Int[np.ndarray, "height width"], rows: Int[np.ndarray, "pixels"], columns: Int[np.ndarray, "pixels"],
+    stride: int, number: int,
+) -> None:
+    """A window pixel stands for a square of the image; what is owned stays."""
+    height, width = owner.shape
+    for i in range(stride):
+        for j in range(stride):
+            r, c = np.minimum(rows + i, height - 1), np.minimum(columns + j, width - 1)
+            free = owner[r, c] < 0
+            owner[r[free], c[free]] = number

@@ -182,7 +182,7 @@ def verify(
     counts; `explained` is of the first camera's pixels.
     """
     count = len(hypotheses.t_cam_obj)
-    R, t = padded(hypotheses)
+    R, t = padded(hypotheses, size)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
     verdict, origin = _verify_in(R, t, model, observed, camera, tolerances, size, stride, jump)
     for view in others:
@@ -202,7 +202,7 @@ def _verify_in(
         verify_batch, observed=observed, normal_obj=model.normal_obj, tolerances=tolerances, size=size,
         stride=jnp.int32(stride),
     )
-    return in_batches(verdict_of, R, as_predicted(found, origin)), origin
+    return in_batches(verdict_of, size, R, as_predicted(found, origin)), origin
 
 
 def visible_centres(
@@ -210,7 +210,7 @@ def visible_centres(
 ) -> Float[np.ndarray, "hypotheses 3"]:
     """Mean of the surface points that each pose shows, camera frame [mm]; its origin where it shows none."""
     count = len(hypotheses.t_cam_obj)
-    R, t = padded(hypotheses)
+    R, t = padded(hypotheses, size)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
     origin = window_origins(camera, t, size, stride)
     found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach)

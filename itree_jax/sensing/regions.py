@@ -84,6 +84,36 @@ def regions(
     )
 
 
+def added(
+    found: Regions,
+    segments: Int[np.ndarray, "height width"],
+    normals: Float[np.ndarray, "height width 3"],
+    depth: Float[np.ndarray, "height width"],
+    sensor: Sensor,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> Regions:
+    """The regions, and after them further pieces of surface: pixels of equal positive label, if they are large enough.
+
+    `normals` tell which way the new ones face (0 = unknown), `depth` z [mm] (0 = none) where they lie.
+    """
+    z = np.where(depth > 0.0, depth, np.nan).astype(np.float64)
+    members = _members(np.where(segments > 0, segments, NO_REGION), _least_pixels(z, sensor))
+    if not members:
+        return found
+    heights = _heights(z, sensor, R_w2c)
+    new = [(pixels, _describe(pixels, normals, z, heights, sensor)) for pixels in members]
+    new = [(pixels, region) for pixels, region in new if region["area_mm2"] >= sensor.smallest_region]
+    labels = found.labels.copy()
+    for k, (pixels, _) in enumerate(new):
+        labels.flat[pixels] = found.count + k
+    joined = {
+        name: np.concatenate([getattr(found, name), np.array([region[name] for _, region in new]).reshape(
+            -1, *getattr(found, name).shape[1:]).astype(getattr(found, name).dtype)])
+        for name in ("area_px", "area_mm2", "centroid_uv", "mean_normal", "mean_depth", "height", "bbox")
+    }  # fmt: skip
+    return Regions(labels=labels, **joined)
+
+
 def detectable(needle: NeedleMap, sensor: Sensor) -> Bool[np.ndarray, "height width"]:
     """Interpretable, slanted to its own viewing ray by less than the limit, and in the region of interest."""
     normals = np.asarray(needle.normals, dtype=np.float64)
@@ -144,7 +174,7 @@ def _describe(
     z = depth[v, u]
     known = np.isfinite(z)
     mean_depth = float(z[known].mean()) if known.any() else np.nan
-    total = normals[v, u].sum(axis=0)
+    total = normals[v, u].sum(axis=0, dtype=np.float64)
     scale = sensor.camera.mm_per_px(mean_depth if known.any() else sensor.working_distance)
     return {
         "area_px": len(pixels),

@@ -40,7 +40,8 @@ def edges_at(uv: np.ndarray, label: EdgeLabel | np.ndarray, direction=(1.0, 0.0)
 def maps_of(edges: SceneEdges, depth=None, shading=None, lights=LIGHTS) -> ObservedMaps:
     depth = np.zeros((H, W), np.float32) if depth is None else depth
     shading = np.zeros((H, W, len(lights)), np.float32) if shading is None else shading
-    return observe_with_edges(*BLANK, depth, edges, shading, lights)
+    maps = observe_with_edges(*BLANK, depth, edges)
+    return maps._replace(shading=jnp.asarray(shading), light_directions=jnp.asarray(lights))
 
 
 POINT = st.tuples(st.floats(0.0, W - 1.0), st.floats(0.0, H - 1.0))

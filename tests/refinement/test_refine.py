@@ -8,7 +8,16 @@ from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
 from itree_jax.answers import twist_deviation
-from itree_jax.refinement.optimise import Hypotheses, Stage, batch_size, padded, refine, window_origins, window_stride
+from itree_jax.refinement.optimise import (
+    Hypotheses,
+    Stage,
+    batch_of,
+    batch_size,
+    padded,
+    refine,
+    window_origins,
+    window_stride,
+)
 
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
@@ -65,7 +74,7 @@ def test_hypotheses_are_independent(bracket):
     R, t = ATTITUDES[0], centred(bracket, ATTITUDES[0])
     maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
     start = perturbed(R, t, 17, 8.0, 3.0, seed=0)  # padded to 128
-    assert batch_size(17) == 128
+    assert batch_size(17, 32) == 128
     stage = [Stage(3, 32, (12.0, 4.0), (1.0, 0.6), (15.0, 6.0))]
     together, equations = refine(start, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
     assert together.t_cam_obj.shape == (17, 3)
@@ -83,12 +92,13 @@ def test_hypotheses_are_independent(bracket):
 def test_padding_repeats_the_last_pose():
     rng = np.random.default_rng(0)
     start = Hypotheses(rng.normal(size=(3, 3, 3)), rng.normal(size=(3, 3)))
-    for before, after in zip(start, padded(start), strict=True):
-        assert len(after) == batch_size(3)
+    for before, after in zip(start, padded(start, 32), strict=True):
+        assert len(after) == batch_size(3, 32)
         np.testing.assert_array_equal(after[:3], before.astype(np.float32))
         assert (after[3:] == after[2]).all()
-    assert all(batch_size(n) >= n for n in range(1, 600))
-    assert len({batch_size(n) for n in range(1, 600)}) < 10
+    for size in (16, 96):
+        assert all(batch_size(n, size) >= n for n in range(1, 600))
+        assert len({batch_size(n, size) for n in range(1, 600)}) <= 600 // batch_of(size) + 2
 
 
 def test_windows_hold_the_part(bracket):

@@ -1,56 +1,63 @@
-"""Hypotheses of one place compete; solids exclude each other; every rejection has its reason."""
+"""Hypotheses of one place compete; solids exclude each other; what the others hide is no doubt; every rejection has its
+reason."""
 
 import numpy as np
 import pytest
 from itree_cad.primitives import box_part
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.refinement.hypotheses import agreement, contour_share, evidence
-from itree_jax.refinement.select import Judged, score_of, select, select_jointly
+from itree_jax.refinement.likelihood import Support
+from itree_jax.refinement.scoring import SCORINGS, Measures, probability
+from itree_jax.refinement.select import Judged, likelihood_ratio, select_jointly, together
 from itree_jax.refinement.solids import share_space, solid
 from itree_jax.refinement.verify import Verdict
 
-SIZE, STRIDE = 40, 2
+SIZE = 40
 IMAGE = (200, 300)
 LEAST = 20.0
-APART = np.array([[0.0, 0.0], [150.0, 60.0], [150.0, 0.0]])
+PLAIN = SCORINGS["depth"]
+GOOD, FAIR, BAD = 8.0, 6.0, -4.0  # nats of a pixel
 
 
-def verdicts(*rows, masks=None) -> Verdict:
-    """Each row: share of 900 pixels that agree, that contradict, that are hidden; contour points found and missed."""
-    values = np.array(rows, float)
-    explained = np.zeros((len(rows), SIZE, SIZE), bool)
-    for k, row in enumerate(values):
-        explained[k].flat[: round(900 * row[0])] = True
-    if masks is not None:
-        explained = masks
-    agreeing = explained.sum(axis=(1, 2)).astype(float)
-    return Verdict(
-        agreeing, 0.8 * agreeing, 0.6 * agreeing, 900 * values[:, 1], 900 * values[:, 2], values[:, 3], values[:, 4],
-        explained,
+def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1.0) -> Judged:
+    """Hypotheses that explain the pixels of a mask, all by so many nats."""
+    masks = np.asarray(masks, bool)
+    count = len(masks)
+    pixels = (masks * np.asarray(nats, np.float32)[:, None, None]).astype(np.float16)
+    hidden = np.zeros(masks.shape, bool) if hidden is None else np.asarray(hidden, bool)
+    agreeing = (pixels > 0).sum(axis=(1, 2)).astype(float)
+    found = np.full(count, contour * 400.0)
+    verdict = Verdict(
+        agreeing, 0.8 * agreeing, 0.6 * agreeing, np.zeros(count), hidden.sum(axis=(1, 2)).astype(float), found,
+        400.0 - found, np.zeros((count, 0, 0), bool),
     )  # fmt: skip
+    origin = np.zeros((count, 2)) if origin is None else np.asarray(origin, float)
+    support = Support(pixels, hidden, agreeing, np.zeros(count), origin, stride)
+    near = np.zeros((count, count), bool) if near is None else np.asarray(near, bool)
+    return Judged(verdict, support, LEAST, near)
 
 
-GOOD, FAIR = (1.0, 0.0, 0.0, 200, 0), (0.9, 0.05, 0.0, 160, 30)
-BAD = (0.5, 0.6, 0.0, 30, 150)
+def block(rows=slice(None), columns=slice(None)):
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[rows, columns] = True
+    return mask
 
 
-def chosen(verdict, origin, collide=lambda h, k: False):
-    return select(verdict, np.asarray(origin, float), STRIDE, IMAGE, LEAST, collide)
+def chosen(one: Judged, collide=lambda a, b: False):
+    return select_jointly([one], IMAGE, collide, PLAIN)[0]
 
 
 @pytest.mark.parametrize("order", [(GOOD, FAIR), (FAIR, GOOD)])
-def test_the_better_pose_of_one_place_is_accepted(order):
-    found = chosen(verdicts(*order), [[10, 10], [10, 10]])
+def test_the_likelier_pose_of_one_place_is_accepted(order):
+    found = chosen(judged([block(), block()], order))
     best = order.index(GOOD)
     assert found.accepted.tolist() == [best]
     assert found.reason[best] == ""
     assert "same pixels" in found.reason[1 - best]
-    assert found.score[best] > found.score[1 - best]
 
 
-def test_poses_of_several_places_are_all_accepted_the_best_first():
-    found = chosen(verdicts(FAIR, GOOD, FAIR), APART)
+def test_poses_of_several_places_are_all_accepted_the_likeliest_first():
+    found = chosen(judged([block()] * 3, (FAIR, GOOD, FAIR), [[0, 0], [150, 60], [150, 0]]))
     assert found.accepted[0] == 1
     assert sorted(found.accepted) == [0, 1, 2]
     assert found.reason == ("", "", "")
@@ -58,101 +65,138 @@ def test_poses_of_several_places_are_all_accepted_the_best_first():
 
 def test_a_pose_keeps_what_is_mostly_its_own():
     """A few pixels may belong to a better pose, but not most."""
-    masks = np.zeros((3, SIZE, SIZE), bool)
-    masks[0, :, :20], masks[1, :, 18:38], masks[2, :, 4:24] = True, True, True
-    found = chosen(verdicts(GOOD, FAIR, FAIR, masks=masks), np.zeros((3, 2)))
+    masks = [block(columns=slice(0, 20)), block(columns=slice(18, 38)), block(columns=slice(4, 24))]
+    found = chosen(judged(masks, (GOOD, FAIR, FAIR)))
     assert found.accepted.tolist() == [0, 1]
     assert "same pixels" in found.reason[2]
 
 
 def test_places_are_compared_in_the_image():
     """Windows that lie elsewhere explain other pixels, and the same ones where they overlap."""
-    masks = np.zeros((2, SIZE, SIZE), bool)
-    masks[0, :, 20:], masks[1, :, :20] = True, True
-    verdict = verdicts(GOOD, FAIR, masks=masks)
-    assert len(chosen(verdict, [[0, 0], [0, 0]]).accepted) == 2
-    assert len(chosen(verdict, [[0, 0], [20 * STRIDE, 0]]).accepted) == 1
+    masks = [block(columns=slice(20, 40)), block(columns=slice(0, 20))]
+    assert len(chosen(judged(masks, (GOOD, FAIR))).accepted) == 2
+    assert len(chosen(judged(masks, (GOOD, FAIR), [[0, 0], [40, 0]])).accepted) == 1
 
 
 def test_solids_that_would_share_space_are_excluded():
     """Side by side in the image, within each other in space."""
     part = box_part(40.0, 30.0, 20.0)
     body = solid(ray_mesh(part.vertices, part.triangles, part.face_of_triangle, device="cpu"), part.diameter, True)
-    verdict = verdicts(FAIR, GOOD, FAIR)
+    one = judged([block()] * 3, (FAIR, GOOD, FAIR), [[0, 0], [150, 60], [150, 0]])
     for shift, accepted in ((20.0, [1, 2]), (40.0, [0, 1, 2])):
         place = np.array([[shift, 0.0, 0], [0, 0, 0], [0, 200, 0]])
-        collide = lambda h, k, place=place: share_space(body, np.eye(3), place[h], body, np.eye(3), place[k])  # noqa: E731
-        found = chosen(verdict, APART, collide)
+        collide = lambda a, b, p=place: share_space(body, np.eye(3), p[a[1]], body, np.eye(3), p[b[1]])  # noqa: E731
+        found = chosen(one, collide)
         assert sorted(found.accepted) == accepted
         assert ("share space" in found.reason[0]) == (0 not in accepted)
 
 
-def test_a_rejected_pose_excludes_nothing():
-    """Space and pixels belong to accepted poses only."""
-    verdict = verdicts(GOOD, FAIR, FAIR)
-    found = chosen(verdict, [[10, 10], [10, 10], [150, 60]], lambda h, k: {h, k} == {1, 2})
-    assert sorted(found.accepted) == [0, 2]
-
-
 def test_contradicted_and_tiny_poses_are_no_answers():
-    tiny = (LEAST / 2 / 900, 0.0, 0.0, 10, 0)
-    found = chosen(verdicts(BAD, tiny), APART[:2])
+    tiny = block(slice(0, 1), slice(0, 2))
+    found = chosen(judged([block(), tiny], (BAD, GOOD), [[0, 0], [150, 60]], contour=0.2))
     assert found.accepted.shape == (0,)
-    assert "contradicts" in found.reason[0]
+    assert all(reason for reason in found.reason)
     assert "too few" in found.reason[1]
+
+
+def test_a_small_feature_decides_between_poses_of_one_place():
+    """The winner is the one that explains the pixels in which they differ, even where the loser is a little likelier in
+    all the rest: what is left of a pose's error spreads over everything."""
+    first, second = np.full((SIZE, SIZE), 6.0), np.full((SIZE, SIZE), 5.9)
+    first[:4, :4] = -5.0
+    pixels = np.stack([first, second]).astype(np.float16)
+    one = judged([block(), block()], (1.0, 1.0), near=~np.eye(2, dtype=bool))
+    one = one._replace(support=one.support._replace(pixels=pixels))
+    assert one.log_likelihood[0] < one.log_likelihood[1] + 200
+    assert likelihood_ratio(one.support, 1, 0) == pytest.approx(16 * 10.9 * 4, rel=0.01)
+    assert likelihood_ratio(one.support, 0, 1) == -likelihood_ratio(one.support, 1, 0)
+    assert chosen(one).accepted.tolist() == [1]
+
+
+def test_windows_are_shifted_before_they_are_compared():
+    """The same image pixels, in windows that start elsewhere."""
+    near = block(slice(10, 30), slice(10, 30))
+    shifted = block(slice(8, 28), slice(5, 25))
+    support = judged([near, shifted], (GOOD, GOOD), [[20, 30], [20 + 2 * 5, 30 + 2 * 2]]).support
+    assert likelihood_ratio(support, 0, 1) == 0.0
+
+
+def test_what_another_answer_hides_is_no_doubt():
+    hidden = [np.zeros((SIZE, SIZE), bool), block(slice(0, 16))]
+    masks = [block(slice(0, 16)), block(slice(16, 40))]
+    covered = chosen(judged(masks, (GOOD, FAIR), hidden=hidden))
+    by_something = chosen(judged(masks, (GOOD, FAIR), [[0, 0], [150, 60]], hidden=hidden))
+    assert sorted(covered.accepted) == [0, 1]
+    assert covered.score[1] > by_something.score[1]
+
+
+def test_a_close_rival_takes_belief_unless_the_others_exclude_it():
+    near = np.zeros((3, 3), bool)
+    near[0, 1] = near[1, 0] = True
+    one = judged([block()] * 3, (GOOD, GOOD, GOOD), [[0, 0], [0, 0], [150, 60]], near=near)
+    alone = chosen(one._replace(near=np.zeros((3, 3), bool)))
+    open_ = chosen(one)
+    excluded = chosen(one, lambda a, b: {a[1], b[1]} == {1, 2})
+    assert open_.score[0] < alone.score[0]
+    assert excluded.score[0] == pytest.approx(alone.score[0])
 
 
 def test_the_reason_is_empty_just_where_a_pose_is_accepted():
     rng = np.random.default_rng(0)
-    rows = np.column_stack([rng.uniform(0, 1, (40, 3)) * [1, 0.4, 0.4], rng.uniform(0, 200, (40, 2)) * [1, 0.3]])
-    found = chosen(verdicts(*rows), rng.uniform(0, 200, (40, 2)))
+    masks = rng.uniform(size=(40, SIZE, SIZE)) < rng.uniform(0.2, 1, (40, 1, 1))
+    found = chosen(judged(masks, rng.uniform(-2, 8, 40), rng.uniform(0, 200, (40, 2)).round()))
     assert 1 < len(found.accepted) < 40
     assert set(found.accepted) == {h for h in range(40) if found.reason[h] == ""}
     assert len(set(found.accepted)) == len(found.accepted)
-
-
-@pytest.mark.parametrize("measure", [agreement, evidence, contour_share, lambda v: score_of(v, LEAST)])
-def test_more_contradiction_never_helps(measure):
-    """Nor does a contour that is missed; what is hidden says less than what agrees."""
-    base = (0.8, 0.1, 0.1, 120, 20)
-    values = measure(verdicts(base, (0.8, 0.3, 0.1, 120, 20), (0.8, 0.1, 0.1, 120, 80), (0.8, 0.1, 0.3, 120, 20)))
-    assert (values[1:] <= values[0]).all()
-    assert (values[1:] < values[0]).any()
-
-
-def test_scores_lie_between_none_and_one():
-    rng = np.random.default_rng(1)
-    rows = np.column_stack([rng.uniform(0, 1, (50, 3)), rng.uniform(0, 200, (50, 2))])
-    for values in (score_of(verdicts(*rows), LEAST), contour_share(verdicts(*rows))):
-        assert (values >= 0).all()
-        assert (values <= 1).all()
-    assert not score_of(verdicts((0.0, 0.0, 0.0, 0, 0)), LEAST).any()  # and nothing seen is no NaN
+    assert all(len(values) == len(found.accepted) for values in found.measures)
 
 
 def test_parts_compete_jointly_across_strides():
     """Two parts explain one place, under windows of different strides: more image pixels of evidence win, whichever
     part is named first; a pose of the loser elsewhere stays.
     """
-    fine = Judged(verdicts(GOOD), np.array([[10.0, 10.0]]), 1, LEAST)
-    coarse = Judged(verdicts(FAIR, FAIR), np.array([[10.0, 10.0], [150.0, 60.0]]), 3, LEAST)
-    for judged, first in (([fine, coarse], 0), ([coarse, fine], 1)):
-        found = select_jointly(judged, IMAGE, lambda a, b: False)
-        assert found[1 - first].accepted.tolist() == [0, 1]
-        assert found[first].accepted.tolist() == []
-        assert "same pixels" in found[first].reason[0]
+    fine = judged([block()], [GOOD], [[10, 10]], stride=2)
+    coarse = judged([block()] * 2, (FAIR, FAIR), [[-20, -20], [150, 60]], stride=4)
+    for parts, loser in (([fine, coarse], 0), ([coarse, fine], 1)):
+        found = select_jointly(parts, IMAGE, lambda a, b: False, PLAIN)
+        assert found[1 - loser].accepted.tolist() == [0, 1]
+        assert found[loser].accepted.tolist() == []
+        assert "same pixels" in found[loser].reason[0]
 
 
 def test_parts_that_share_space_exclude_each_other():
-    one = Judged(verdicts(GOOD), np.array([[0.0, 0.0]]), STRIDE, LEAST)
-    two = Judged(verdicts(FAIR), np.array([[150.0, 60.0]]), STRIDE, LEAST)
+    one, two = judged([block()], [GOOD]), judged([block()], [FAIR], [[150, 60]])
     asked = []
 
     def collide(a, b):
         asked.append((a, b))
         return True
 
-    found = select_jointly([one, two], IMAGE, collide)
+    found = select_jointly([one, two], IMAGE, collide, PLAIN)
     assert found[0].accepted.tolist() == [0]
     assert found[1].accepted.tolist() == []
     assert "share space" in found[1].reason[0]
     assert asked == [((1, 0), (0, 0))]
+
+
+def test_lists_are_joined_in_order():
+    one, two = judged([block()], [GOOD]), judged([block()] * 2, [FAIR, BAD])
+    both = together(one, two)
+    np.testing.assert_array_equal(both.log_likelihood, [*one.log_likelihood, *two.log_likelihood])
+    assert both.near.shape == (3, 3)
+
+
+@pytest.mark.parametrize("kind", sorted(SCORINGS))
+def test_more_doubt_never_makes_a_pose_more_probable(kind):
+    usual = {
+        "size": 3.0, "fit": 6.0, "against": 0.01, "hidden": 0.1, "lit": 0.9, "needles": 0.5, "contour": 0.8,
+        "beside": 0.0, "own": 1.0, "margin": 50.0,
+    }  # fmt: skip
+    worse = {"size": 2.0, "against": 0.3, "hidden": 0.5, "lit": 0.3, "contour": 0.4, "margin": 0.0}
+
+    def of(**changed):
+        return probability(Measures(*(np.float64(v) for v in (usual | changed).values())), SCORINGS[kind])
+
+    assert 0.0 < of() < 1.0
+    for name, value in worse.items():
+        assert of(**{name: value}) <= of(), name

@@ -1,0 +1,171 @@
+"""Fits the probability of an answer on the validation bins, and prints how well it holds: the table behind the scores.
+
+    python experiments/validation_bins.py --out out/validation_bins
+    python experiments/calibrate_scores.py [--bins DIR] [--depth file|stereo|none] [--out DIR] [--trees DIR] [--every N]
+
+Every scene is recognised; all poses that no better one excludes are kept, however improbable, with their measures
+(`refinement.scoring.Measures`) and whether they are right (MSSD under 5 % of the diameter). A logistic model, with the
+signs that doubt must have, is fitted to them. Its table comes from models that were each fitted without the part that
+they are held against. Rows of an earlier run in --out are kept: only scenes that lack are recognised.
+"""
+
+import argparse
+import pickle
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from evaluate_scenes import Config as Evaluation
+from evaluate_scenes import scenes_of_parts, tree_of
+from jaxtyping import Bool, Float, Int
+from quality.reliability_tables import reliability_report
+from scipy.optimize import minimize
+
+from itree_jax.cli.recognize import load_with_trees, with_depth_from
+from itree_jax.evaluation.judged import ScoredAnswers
+from itree_jax.evaluation.matching import match
+from itree_jax.evaluation.pose_errors import Pose, mssd
+from itree_jax.evaluation.score import STRICT, VISIBLE
+from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
+from itree_jax.prepared import Prepared, prepare, prepare_forest
+from itree_jax.recognition import read_scene, selections
+from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, terms
+from itree_jax.tree.tree_file import load_tree
+
+RIDGE = 1e-3  # on standardised weights: some hundreds of answers for ten terms
+PRECISION = 0.985  # that answers should have together: the least probability follows from it
+
+
+@dataclass(frozen=True)
+class Config:
+    bins: Path = Path("out/validation_bins")
+    depth: str = "file"
+    out: Path = Path("out/calibrate_scores")
+    trees: Path | None = None  # folder of trees of an earlier run
+    every: int = 1  # takes every n-th scene of each part
+
+
+class Rows(NamedTuple):
+    """The answers of one scene, however improbable, and its instances."""
+
+    part: int
+    terms: Float[np.ndarray, "answers terms"]
+    error: Float[np.ndarray, "answers instances"]  # MSSD over the diameter
+    visible: Float[np.ndarray, "instances"]
+
+
+def main(config: Config) -> None:
+    """Prints the fitted model and its tables."""
+    config.out.mkdir(parents=True, exist_ok=True)
+    rows = rows_of_bins(config)
+    part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
+    X = np.concatenate([r.terms for r in rows])
+    right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
+    held_out = np.zeros(len(right))
+    for one in np.unique(part):
+        model = fitted(X[part != one], right[part != one])
+        held_out[part == one] = of_terms(X[part == one], model)
+    answers = scored(rows, held_out)
+    print(reliability_report(answers))
+    least = least_probability(answers)
+    model = fitted(X, right)._replace(least=least)
+    weights = ", ".join(f"{w:.3f}" for w in model.weights)
+    print(f"{len(right)} poses of {len(rows)} scenes, {right.mean():.0%} right. Terms: {', '.join(SIGNS)}")
+    print(f'"{kind_of(config.depth)}": Scoring(({weights}), {model.bias:.3f}, {least:.2f}),')
+
+
+def kind_of(depth: str) -> str:
+    return "depth" if depth == "file" else depth
+
+
+def rows_of_bins(config: Config) -> list[Rows]:
+    """The rows of every scene, those of an earlier run read from `config.out`."""
+    models = load_models(config.bins)
+    truths = {t.scene_id: t for t in load_truth(config.bins)}
+    found = []
+    evaluation = Evaluation(dataset=config.bins, out=config.out, depth=config.depth, trees=config.trees)
+    for obj_id, folders in scenes_of_parts(config.bins):
+        prepared: dict[int, Prepared] = {}
+        for folder in folders[:: config.every]:
+            kept = config.out / f"{folder.name}_{config.depth}.pkl"
+            if not kept.is_file():
+                lights = len(list((folder / "lit").glob("000000_*")))
+                if lights not in prepared:
+                    prepared[lights] = prepare(load_tree(tree_of(evaluation, obj_id, lights, folder)))
+                truth = truths[int(folder.name)]
+                rows = rows_of_scene(folder, prepared[lights], config.depth, obj_id, truth, models[obj_id])
+                kept.write_bytes(pickle.dumps(tuple(rows)))
+                print(folder.name, len(rows.terms), flush=True)
+            found.append(Rows(*pickle.loads(kept.read_bytes())))
+    return found
+
+
+def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, truth: SceneTruth, model: Model) -> Rows:
+    """Recognises one scene and keeps all poses that don't exclude one another."""
+    scene, _ = load_with_trees(folder, [prepared])
+    scene, second = with_depth_from(depth, scene, prepared.tree.sensor)
+    forest = prepare_forest([prepared])
+    answers, sight = read_scene(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
+    open_ = SCORINGS[sight.kind]._replace(least=0.0)
+    X, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
+    for answer, selection in zip(answers, selections(answers, sight, open_) if answers else [], strict=True):
+        poses = answer.hypotheses.poses
+        X.append(terms(selection.measures))
+        R.append(np.asarray(poses.R_cam_obj, float)[selection.accepted])
+        t.append(np.asarray(poses.t_cam_obj, float)[selection.accepted])
+    found = Pose(np.concatenate(R)[:, None], np.concatenate(t)[:, None])
+    true = Pose(truth.pose.R[None], truth.pose.t[None])
+    error = mssd(found, true, model.hull, model.symmetries) / model.diameter
+    return Rows(obj_id, np.concatenate(X), error, truth.visible)
+
+
+def fitted(X: Float[np.ndarray, "answers terms"], right: Bool[np.ndarray, "answers"]) -> Scoring:
+    """The logistic model of greatest likelihood whose weights have the signs that they must have."""
+    scale = np.maximum(X.std(axis=0), 1e-6)
+    Z, y = X / scale, np.where(right, 1.0, -1.0)
+
+    def loss(w: Float[np.ndarray, "weights"]) -> tuple[float, Float[np.ndarray, "weights"]]:
+        odds = y * (Z @ w[:-1] + w[-1])
+        slope = -y / (1.0 + np.exp(odds)) / len(y)
+        gradient = np.append(slope @ Z + 2.0 * RIDGE * w[:-1], slope.sum())
+        return float(np.logaddexp(0.0, -odds).mean() + RIDGE * np.sum(w[:-1] ** 2)), gradient
+
+    bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS.values()] + [(None, None)]
+    w = minimize(loss, np.zeros(Z.shape[1] + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
+    return Scoring(tuple(float(v) for v in w[:-1] / scale), float(w[-1]), 0.0)
+
+
+def of_terms(X: Float[np.ndarray, "answers terms"], model: Scoring) -> Float[np.ndarray, "answers"]:
+    return 1.0 / (1.0 + np.exp(-(X @ np.array(model.weights) + model.bias)))
+
+
+def scored(rows: Sequence[Rows], score: Float[np.ndarray, "answers"]) -> ScoredAnswers:
+    """Answers find their instances by falling score, as in `evaluate`."""
+    of_scene = np.split(score, np.cumsum([len(r.terms) for r in rows])[:-1])
+    found: list[Int[np.ndarray, answers]] = [match(r.error, s, STRICT) for r, s in zip(rows, of_scene, strict=True)]
+    visible = [np.append(r.visible >= VISIBLE, False) for r in rows]
+    return ScoredAnswers(
+        score, np.concatenate([f >= 0 for f in found]),
+        np.concatenate([v[f] for v, f in zip(visible, found, strict=True)]), int(sum(v.sum() for v in visible)),
+    )  # fmt: skip
+
+
+def least_probability(answers: ScoredAnswers) -> float:
+    """The lowest probability from which on answers are as precise together as they should be."""
+    for least in np.arange(0.05, 0.96, 0.05):
+        taken = answers.score >= least
+        if taken.any() and answers.right[taken].mean() >= PRECISION:
+            return float(least)
+    return 0.95
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bins", type=Path, default=Config.bins)
+    parser.add_argument("--depth", choices=("file", "stereo", "none"), default=Config.depth)
+    parser.add_argument("--out", type=Path, default=Config.out)
+    parser.add_argument("--trees", type=Path, default=None)
+    parser.add_argument("--every", type=int, default=1)
+    main(Config(**vars(parser.parse_args())))

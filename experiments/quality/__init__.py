@@ -1,0 +1,1 @@
+"""How well bins were recognised: how far scores can be believed, groups taken for others, and every failure."""

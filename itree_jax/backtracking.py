@@ -1,0 +1,127 @@
+"""Backtracking, the paper's "next step" (section 4): what is asked where the tree's first answers explain nothing.
+
+A region's attitudes are tried in the order of their likelihood until they hold most of the posterior mass. What the
+accepted poses explain is then taken out of the scene, and what is left is looked at again: regions that held two parts
+fall apart, unlit surface that no needle told about becomes a region by its depth, and the search goes back to the root,
+where every attitude of the dome is open.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from itree_jax.answers import Interpretation
+from itree_jax.prepared import Prepared
+from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.verify import visible_centres
+from itree_jax.sensing.depth_needles import depth_needles
+from itree_jax.sensing.regions import added, regions
+from itree_jax.sensing.segments import depth_segments
+from itree_jax.sight import Sight
+from itree_jax.tree.dome import camera_rotation, dome
+from itree_jax.tree.representative import roll_rotation
+
+SURE = 0.9  # probability from which on a pose's pixels need no other explanation
+LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller ones aren't worth every attitude
+MOST_OPEN = 8  # regions at which every attitude is asked for, the largest first
+EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
+ROLLS = 15  # of each of the dome's 60 views: 24 degrees apart, as the views are
+PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
+
+
+@dataclass(frozen=True)
+class Beam:
+    """How much of a region's attitudes is looked at."""
+
+    mass: float  # of the posterior, the likeliest first
+    keep: tuple[int, ...]  # hypotheses per region after each round of refinement
+    whole_dome: bool  # also attitudes that no rule of the tree named
+    least: float = 0.0  # of the usual area of the part's regions: smaller ones are left alone
+
+
+# The first attitude within reach of refinement comes before half of the mass in most regions that have one at all
+# (experiments/hypothesis_ranks.py): the first reading stops where three quarters are seen.
+FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False, least=0.15)
+DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
+
+
+def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
+    """Of every region, the fewest hypotheses that hold this posterior mass, all attitudes equally likely before."""
+    kept = []
+    for region in np.unique(hypotheses.region):
+        mine = np.flatnonzero(hypotheses.region == region)
+        log_p = hypotheses.log_likelihood[mine]
+        order = np.argsort(-log_p, kind="stable")
+        p = np.exp(log_p[order] - log_p.max())
+        before = (np.cumsum(p) - p) / p.sum()
+        kept.append(mine[order[before < mass]])
+    return hypotheses.take(np.sort(np.concatenate(kept)))
+
+
+def every_attitude(
+    prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"], R_ray_cam: Float[np.ndarray, "regions 3 3"]
+) -> RegionHypotheses:
+    """The whole dome at every region, placed by the surface that hangs together with it.
+
+    Each stands for the appearance of the nearest attitude in the tree.
+    """
+    tree = prepared.tree
+    views = camera_rotation(dome().directions)
+    rolls = roll_rotation(2.0 * np.pi * np.arange(ROLLS) / ROLLS)
+    R_ray_obj = np.einsum("rab,vbc->vrac", rolls, views).reshape(-1, 3, 3)
+    attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
+    with_row = np.unique(tree.appearances.attitude, return_index=True)
+    nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
+    R = np.einsum("rca,kab->rkcb", R_ray_cam[asked], R_ray_obj)
+    count = len(R_ray_obj)
+    region, row = np.repeat(asked, count), np.tile(with_row[1][nearest], len(asked))
+    t = np.repeat(sight.segment_centre[asked], count, axis=0)
+    poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.astype(np.float32))
+    shown = visible_centres(poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
+    poses = Hypotheses(poses.R_cam_obj, (2.0 * t - shown).astype(np.float32))
+    return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf))
+
+
+def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
+    """The sight without what accepted poses explain; None if no region is left.
+
+    Where there is a depth map, surface that a light reaches and no needle tells about makes regions too, by the depth's
+    own normals.
+    """
+    known = explained(answers, (sight.sensor.camera.height, sight.sensor.camera.width))
+    needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~known)
+    depth = None if sight.depth is None else np.where(known, np.float32(0.0), sight.depth)
+    found = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges)
+    if sight.lit is not None and depth is not None:
+        normals = depth_needles(depth, sight.sensor.camera, sight.noise)
+        free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
+        labels = np.where(free, depth_segments(depth, sight.sensor), 0)
+        found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
+        fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
+        needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))
+    if not found.count:
+        return None
+    if depth is None:
+        found = replace(
+            found, mean_depth=np.full(found.count, sight.sensor.working_distance), height=np.zeros(found.count)
+        )
+    return sight.of(found, needle, depth)
+
+
+def explained(answers: list[Interpretation], shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:
+    """Pixels of poses that are surely right, less what hides them, and those beside."""
+    mask = np.zeros(shape, np.uint8)
+    for answer in answers:
+        support = answer.judged.support
+        for h in answer.selection.accepted[answer.selection.score[answer.selection.accepted] > SURE]:
+            i, j = np.nonzero(support.pixels[h])  # what contradicts a sure pose is a reflection or a needle's error
+            u, v = support.origin_uv[h].astype(int)
+            rows, columns = v + support.stride * i, u + support.stride * j
+            inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
+            mask[rows[inside], columns[inside]] = 1
+            if support.stride > 1:
+                mask = cv2.dilate(mask, np.ones((support.stride,) * 2, np.uint8), anchor=(support.stride - 1,) * 2)
+    return cv2.dilate(mask, np.ones((2 * EDGE_OF_A_POSE + 1,) * 2, np.uint8)) > 0

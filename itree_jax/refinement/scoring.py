@@ -1,0 +1,63 @@
+"""From the measures of a pose to the probability that it is right."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+HOPELESS = 0.02  # less probable poses don't compete
+LEAST_AGAINST = 1e-3  # contradiction below it is the raster's
+MARGIN = 100.0  # [nats]: what two refinements of one pose differ by is about half of it
+
+
+class Measures(NamedTuple):
+    """What a pose's score goes by; free of the part's size and of the image's scale."""
+
+    size: Float[np.ndarray, "*h"]  # log of the agreeing pixels over those of the sensor's smallest region
+    fit: Float[np.ndarray, "*h"]  # [nats] of an agreeing pixel
+    against: Float[np.ndarray, "*h"]  # nats of the contradicting pixels over those of the agreeing ones
+    hidden: Float[np.ndarray, "*h"]  # share of the pose behind something nearer that is no recognised part
+    lit: Float[np.ndarray, "*h"]  # share of the agreeing pixels that a light shows
+    needles: Float[np.ndarray, "*h"]  # share of the agreeing pixels with an agreeing needle
+    contour: Float[np.ndarray, "*h"]  # share of the visible contour at which the surface ends
+    beside: Float[np.ndarray, "*h"]  # nats of image edges and other cameras over those of the agreeing pixels
+    own: Float[np.ndarray, "*h"]  # share of its support that no better pose explains
+    margin: Float[np.ndarray, "*h"]  # [nats] by which it beats the best other pose of its place; infinite without one
+
+
+class Scoring(NamedTuple):
+    """A logistic model of the terms."""
+
+    weights: tuple[float, ...]  # one per term
+    bias: float
+    least: float  # a less probable pose is no answer
+
+
+# What the model adds up, and the sign that each weight must have: doubt never makes a pose more probable.
+SIGNS = {
+    "size": 1, "fit": 1, "against": -1, "hidden": -1, "lit": 1, "needles": 1, "contour": 1, "beside": 1, "own": 1,
+    "margin": 1,
+}  # fmt: skip
+
+
+def terms(measures: Measures) -> Float[np.ndarray, "*h terms"]:
+    """The measures, each on a scale on which a logistic model may add them up."""
+    values = measures._replace(
+        against=np.log(LEAST_AGAINST + measures.against),
+        beside=np.clip(measures.beside, -1.0, 1.0),
+        margin=np.tanh(np.clip(measures.margin / MARGIN, -10.0, 10.0)),
+    )
+    return np.stack(values, axis=-1)
+
+
+def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
+    """That of being right, by a logistic model of the terms."""
+    return 1.0 / (1.0 + np.exp(-(terms(measures) @ np.array(scoring.weights) + scoring.bias)))
+
+
+# Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.
+SCORINGS = {
+    "depth": Scoring((0.342, 0.054, -0.489, -3.742, 2.211, 0.069, 4.003, 0.0, 1.386, 3.532), -11.987, 0.6),
+    "stereo": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
+    "none": Scoring((0.3, 0.0, -1.0, -1.0, 1.0, 1.0, 3.0, 0.0, 1.0, 1.0), -8.0, 0.3),
+}

@@ -1,0 +1,105 @@
+"""Pixel likelihoods: closed forms, normalisation, and the right pose beside shifted, turned and nearer ones."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from itree_cad.primitives import box_part
+from itree_kernels.camera import Camera
+from itree_kernels.mesh import ray_mesh
+from scipy.spatial.transform import Rotation
+
+from itree_jax.refinement.likelihood import (
+    OUTLIERS,
+    SEEN_THROUGH,
+    SensorErrors,
+    depth_ratio,
+    needle_ratio,
+    shading_ratio,
+    support,
+)
+from itree_jax.refinement.observed import observe
+from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals
+from itree_jax.tree.appearances import mesh_reach
+
+CAMERA = Camera("pinhole", 800.0, 800.0, 79.5, 59.5, 160, 120)
+PART = box_part(40.0, 30.0, 20.0)
+MESH = ray_mesh(PART.vertices, PART.triangles, PART.face_of_triangle, device="cpu")
+MODEL = RefineModel(MESH, padded_normals(MESH.triangle_normals), mesh_reach(MESH), PART.diameter)
+ERRORS = SensorErrors(*(jnp.float32(v) for v in (0.3, np.radians(3.6), PART.diameter, 900.0 / 800.0, 0.0)))
+R = Rotation.from_euler("xyz", [25.0, -20.0, 30.0], degrees=True).as_matrix()
+T = np.array([0.0, 0.0, 900.0])
+JUMP = 5.0
+
+
+def scene(R_true=R, t_true=T, floor=950.0, noise=0.3):
+    """Depth and needles of one box above a floor without needles."""
+    from itree_kernels.correspond import correspondences
+
+    size = 160
+    found = correspondences(
+        MESH, R_true[None].astype(np.float32), t_true[None].astype(np.float32), CAMERA, np.zeros((1, 2)), size, 1,
+        MODEL.reach, None,
+    )  # fmt: skip
+    depth, triangle = np.asarray(found.depth)[0, :120], np.asarray(found.triangle)[0, :120]
+    hit = triangle >= 0
+    normals = np.where(hit[..., None], MESH.triangle_normals[triangle] @ R_true.T, 0.0)
+    z = np.where(hit, depth, floor) + np.random.default_rng(0).normal(0.0, noise, depth.shape)
+    return observe(normals.astype(np.float32), hit.astype(np.float32), z.astype(np.float32), JUMP)
+
+
+def weighed(observed, *poses):
+    R_all, t_all = (np.stack(values).astype(np.float32) for values in zip(*poses, strict=True))
+    return support(Hypotheses(R_all, t_all), MODEL, observed, CAMERA, ERRORS, JUMP, size=128)
+
+
+def total(one):
+    return np.sum(one.pixels, axis=(1, 2), dtype=float) + one.beside
+
+
+def test_a_pixel_at_the_right_depth_a_hidden_one_and_one_behind():
+    std, reach = jnp.float32(0.5), jnp.float32(60.0)
+    at, hidden, behind = depth_ratio(jnp.array([0.0, -20.0, 20.0]), std, reach)
+    assert at == pytest.approx(np.log((1 - SEEN_THROUGH) * 60.0 / (0.5 * np.sqrt(2 * np.pi)) + SEEN_THROUGH), rel=1e-5)
+    assert hidden == pytest.approx(0.0, abs=1e-6)
+    assert behind == pytest.approx(np.log(SEEN_THROUGH), rel=1e-5)
+
+
+def test_needles_of_a_pose_and_of_anything_have_one_mass():
+    """The ratio's mean over the half sphere is 1: both are distributions of directions."""
+    angle = jnp.linspace(0.0, jnp.pi / 2, 20001)
+    ratio = jnp.exp(needle_ratio(jnp.cos(angle), jnp.float32(0.05)))
+    assert float(jnp.trapezoid(ratio * jnp.sin(angle), angle)) == pytest.approx(1.0, rel=0.01)
+    assert float(needle_ratio(jnp.array([0.0]), jnp.float32(0.05))[0]) == pytest.approx(np.log(OUTLIERS), rel=1e-5)
+
+
+def test_the_true_pose_is_likelier_than_any_other_near_it():
+    moved = [(R, T + np.array(shift)) for shift in ([2.0, 0, 0], [0, -2.0, 0], [0, 0, 1.0], [0, 0, -1.0])]
+    turned = [(Rotation.from_rotvec(np.radians(3.0) * axis).as_matrix() @ R, T) for axis in np.eye(3)]
+    found = weighed(scene(), (R, T), *moved, *turned)
+    assert total(found).argmax() == 0
+    assert (total(found)[1:] < total(found)[0] - 50).all()
+    assert float(np.minimum(found.pixels[0], 0).sum()) > -20.0
+
+
+def test_what_lies_before_a_pose_hides_it_and_what_is_seen_through_it_contradicts():
+    empty = observe(np.zeros((120, 160, 3)), np.zeros((120, 160)), np.full((120, 160), 865.0), JUMP)
+    found = weighed(empty, (R, T), (R, T - [0.0, 0.0, 70.0]))
+    assert found.hidden[0].any()
+    assert abs(total(found)[0]) < 1e-3 * found.hidden[0].sum()
+    assert not found.hidden[1].any()
+    assert total(found)[1] == pytest.approx(np.log(SEEN_THROUGH) * (found.pixels[1] < 0).sum(), rel=0.01)
+
+
+def test_the_brightness_of_a_face_tells_only_where_lights_are_known():
+    observed = scene()
+    uv = jnp.zeros((2, 2, 2)) + 50.0
+    normal = jnp.broadcast_to(jnp.array([0.0, 0.0, -1.0]), (2, 2, 3))
+    nothing, lit = shading_ratio(normal, uv, observed)
+    assert not nothing.any()
+    assert lit.all()
+    lights = jnp.array([[0.0, 0.0, -1.0], [0.6, 0.0, -0.8]])
+    for shown, better in ((jnp.array([1.0, 0.8]), True), (jnp.array([0.3, 1.2]), False)):
+        seen = observed._replace(shading=jnp.broadcast_to(shown, (120, 160, 2)), light_directions=lights)
+        ratio, lit = shading_ratio(normal, uv, seen)
+        assert bool((ratio > 0).all()) == better
+        assert lit.all()
