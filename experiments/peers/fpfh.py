@@ -20,6 +20,7 @@ SEED_SPACING = 0.35  # diameters between seeds: a part that shows half of itself
 BALL = 0.5  # diameters
 LEAST = 40  # points of a ball: less is no shape
 RUNS = 1  # of RANSAC on each ball
+LEAST_RUNS = 20  # in all, so that a single part has its chances too
 
 reg = o3d.pipelines.registration
 
@@ -51,8 +52,9 @@ def candidates(fpfh: Fpfh, cloud: SceneCloud, seed: int = 0, runs: int = RUNS) -
         return []
     feature, X = feature_of(scene, fpfh.voxel), np.asarray(scene.points)
     o3d.utility.random.seed(seed)
-    poses = []
-    for centre in spread(X, SEED_SPACING * fpfh.diameter):
+    poses, seeds = [], spread(X, SEED_SPACING * fpfh.diameter)
+    runs = max(runs, -(-LEAST_RUNS // len(seeds)))
+    for centre in seeds:
         ball = np.flatnonzero(np.linalg.norm(X - X[centre], axis=1) < BALL * fpfh.diameter)
         if len(ball) < LEAST:
             continue

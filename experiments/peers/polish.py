@@ -61,9 +61,9 @@ def verified(model: Model, cloud: SceneCloud, T_cam_obj: Float[np.ndarray, "4 4"
     """What the depth map says to the model in this pose."""
     seen = covered(model, cloud, T_cam_obj, stride)
     z, normals = cloud.scene.depth.ravel()[seen.index], cloud.normals.reshape(-1, 3)[seen.index]
-    explained, contradicted = agreement(seen.z, seen.normal, z, normals, TOLERANCE)
-    explained &= cloud.mask.ravel()[seen.index]
-    return Verified(T_cam_obj, np.sort(seen.index[explained]), len(seen.index), int(contradicted.sum()))
+    weight, contradicted = agreement(seen.z, seen.normal, z, normals, TOLERANCE)
+    explained = (weight > 0) & cloud.mask.ravel()[seen.index]
+    return Verified(T_cam_obj, seen.index[explained], weight[explained], len(seen.index), int(contradicted.sum()))
 
 
 def covered(model: Model, cloud: SceneCloud, T_cam_obj: Float[np.ndarray, "4 4"], stride: int) -> Pixels:

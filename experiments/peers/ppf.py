@@ -17,9 +17,9 @@ from peers.cloud import SceneCloud
 from peers.model import Model
 
 SAMPLING = 0.05  # of the diameter: the documentation's value
-REFERENCES = (
-    1 / 10
-)  # of the scene's points vote for poses: some twenty per part of a full bin; most of the time is theirs
+# Of the scene's points that vote for poses: some twenty per part of a full bin. Most of the time is theirs.
+REFERENCES = 1 / 10
+LEAST_REFERENCES = 150  # so that a single part has its chances too
 ANGLES = 30  # steps of 12 degrees, the documentation's default
 KEPT = 150  # poses with most votes that go to ICP: some ten per part of a full bin
 
@@ -46,6 +46,7 @@ def candidates(
     points = oriented(cloud.cloud().voxel_down_sample(ppf.step), ppf.diameter)
     if len(points) < 20:
         return []
+    references = min(1.0, max(references, LEAST_REFERENCES / len(points)))
     extent = float(np.ptp(points[:, :3], axis=0).max())
     found = ppf.detector.match(points, references, 0.1 * ppf.step / ppf.diameter / extent)
     poses = sorted(found, key=lambda pose: -pose.numVotes)[:kept]

@@ -18,7 +18,7 @@ from peers.cloud import SceneCloud, scene_cloud
 from peers.model import Model, load_model
 from peers.polish import coarse_icp, fine_icp, verified
 from peers.scenes import load_depth_scene, scene_paths
-from peers.selection import Verified, selected
+from peers.selection import Verified, contenders, selected
 
 PEERS = {"ppf": ppf, "fpfh": fpfh}
 ROUNDS = 2  # the second on the points that no answer of the first explains
@@ -73,7 +73,8 @@ def answers(peer: Any, model: Model, prepared: Any, scene: Any) -> list[tuple[np
         kept = [pose for pose, _ in selected(poses)]
         explained = [verified(model, whole, pose.T_cam_obj, stride=1).explained for pose in kept]
         left = whole.without(np.concatenate([np.zeros(0, np.int64), *explained]))
-    final = [verified(model, whole, fine_icp(model, whole, pose.T_cam_obj)) for pose, _ in selected(poses)]
+    rivals = contenders(poses, [pose for pose, _ in selected(poses)])
+    final = [verified(model, whole, fine_icp(model, whole, pose.T_cam_obj)) for pose in rivals]
     return [(pose.T_cam_obj, score) for pose, score in selected(final)]
 
 

@@ -1,10 +1,12 @@
 """The peers' foreground of planes and boxes, and their selection of poses, by closed forms; neither peer is needed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers.foreground import fitted_plane, foreground, neighbours
 from peers.scenes import DepthScene
-from peers.selection import Verified, agreement, selected
+from peers.selection import Verified, agreement, angle_between, contenders, selected
 
 K = np.array([[200.0, 0.0, 79.5], [0.0, 200.0, 59.5], [0.0, 0.0, 1.0]])
 FLOOR, DIAMETER = 200.0, 40.0  # [mm]; one pixel is 1 mm there
@@ -56,7 +58,7 @@ def test_plane_is_fitted_and_looks_at_the_camera() -> None:
 
 
 def verified(pixels: range, predicted: int, contradicted: int = 0) -> Verified:
-    return Verified(np.eye(4), np.arange(pixels.start, pixels.stop), predicted, contradicted)
+    return Verified(np.eye(4), np.arange(pixels.start, pixels.stop), np.ones(len(pixels)), predicted, contradicted)
 
 
 def test_each_pixel_belongs_to_the_pose_that_explains_itself_best() -> None:
@@ -75,7 +77,17 @@ def test_agreement_tells_explained_hidden_and_contradicted() -> None:
     normal = np.tile([0.0, 0.0, -1.0], (5, 1))
     seen = normal.copy()
     seen[4] = [1.0, 0.0, 0.0]
-    z = np.array([100.5, 90.0, 110.0, 0.0, 100.0])  # agrees, something in front, seen through, no depth, another face
-    explained, contradicted = agreement(np.full(5, 100.0), normal, z, seen, 1.5)
-    assert explained.tolist() == [True, False, False, False, False]
+    z = np.array([100.75, 90.0, 110.0, 0.0, 100.0])  # agrees, something in front, seen through, no depth, another face
+    weight, contradicted = agreement(np.full(5, 100.0), normal, z, seen, 1.5)
+    assert weight.tolist() == [0.75, 0.0, 0.0, 0.0, 0.0]
     assert contradicted.tolist() == [False, False, True, False, False]
+
+
+def test_rivals_claim_the_same_pixels_in_another_attitude() -> None:
+    best, elsewhere = verified(range(100), 100), verified(range(200, 300), 100)
+    quarter, near = np.eye(4), np.eye(4)
+    quarter[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    near[:2, :2] = [[np.cos(0.1), -np.sin(0.1)], [np.sin(0.1), np.cos(0.1)]]
+    turned = replace(best, T_cam_obj=quarter)
+    assert angle_between(best.T_cam_obj, quarter) == pytest.approx(90.0)
+    assert contenders([best, replace(best, T_cam_obj=near), turned, elsewhere], [best]) == [best, turned]
