@@ -66,8 +66,9 @@ def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
     region = int(answer.hypotheses.region[h])
     R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
     weight = answer.judged.log_likelihood
-    other, margins = selection.rivals[list(selection.accepted).index(h)]
-    other, share = rivals(other, margins, R_all, t_all, tree.symmetries, tree.part.diameter)
+    others, margins = selection.rivals[list(selection.accepted).index(h)]
+    other, share = rivals(others, margins, R_all, t_all, tree.symmetries, tree.part.diameter)
+    margin = margins[np.isin(others, other)].tolist()
     alternatives = tuple(
         Alternative(pose_matrix(nearest_rotation(R_all[k]), t_all[k]), float(s))
         for k, s in zip(other, share, strict=True)
@@ -94,7 +95,7 @@ def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
         score=float(selection.score[h]),
         R_cam_obj=R,
         t_cam_obj=t,
-        decision_path=(*path, verification_step(tree, float(weight[h]), weight[other].tolist(), alternatives)),
+        decision_path=(*path, verification_step(tree, float(weight[h]), weight[other].tolist(), margin, alternatives)),
         agreeing=int((seen.pixels[h] > 0).sum()) * pixels,
         contradicting=int((seen.pixels[h] < 0).sum()) * pixels,
         hidden=int(seen.hidden[h].sum()) * pixels,

@@ -110,9 +110,12 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def verification_step(
-    tree: InterpretationTree, evidence: float, rivals: Sequence[float], alternatives: tuple[Alternative, ...] = ()
+    tree: InterpretationTree, evidence: float, rivals: Sequence[float], margins: Sequence[float],
+    alternatives: tuple[Alternative, ...],
 ) -> Step:
-    """The last word: the rendered pose's evidence against that of poses which explain the same place nearly as well."""
+    """The last word: the log-likelihood [nats] of the rendered pose and of those that explain the same place nearly as
+    well, with the margins over them in the pixels that tell them apart.
+    """
     count = len(tree.nodes.branch) + tree.groups.group_count
     left = count_of_poses(alternatives)
     return Step(
@@ -120,7 +123,7 @@ def verification_step(
         compared_with={
             "rivals": [round(r, 1) for r in rivals], "shares": [round(a.share, 3) for a in alternatives],
         },
-        margin=round(evidence - max(rivals), 3) if rivals else None,
+        margin=round(min(margins), 3) if margins else None,
         freedom_before="unique" if not rivals else f"{1 + len(rivals)} poses of this place",
         freedom_after="unique" if left == 1 else f"ambiguous: {left} poses that the scene does not tell apart",
     )
