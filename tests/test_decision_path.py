@@ -160,9 +160,9 @@ def test_freedom_falls_along_the_path(paper_tree):
 )
 def test_the_last_step_says_what_the_scene_does_not_tell_apart(paper_tree, shares, before, after):
     alternatives = tuple(Alternative(np.eye(4), s) for s in shares)
-    margin = 10.0 if shares else None
+    margins = [10.0 * (k + 1) for k in range(len(shares))]
     rivals = [900.0 - 40.0 * (k + 1) for k in range(len(shares))]  # most of what they lack, they lack by chance
-    step = verification_step(paper_tree, 900.0, rivals, margin, alternatives)
+    step = verification_step(paper_tree, 900.0, rivals, margins, alternatives)
     assert (step.freedom_before, step.freedom_after) == (before, after)
     assert step.compared_with["shares"] == list(shares)
-    assert step.margin == margin
+    assert step.margin == (10.0 if shares else None)
