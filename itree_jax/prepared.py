@@ -8,8 +8,9 @@ import numpy as np
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Float
 
+from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
-from itree_jax.refinement.hypotheses import near_symmetries
+from itree_jax.refinement.hypotheses import NEARLY_SAME, near_symmetries
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
@@ -60,7 +61,17 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     surface = padded_surface(smooth_surface(mesh))
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
-                    solid(mesh, part.diameter, part.watertight), near_symmetries(part.vertices, part.triangles))
+                    solid(mesh, part.diameter, part.watertight), rival_turns(tree))
+
+
+def rival_turns(tree: InterpretationTree) -> Float[np.ndarray, "turns 4 4"]:
+    """Near symmetries of the part that are none: turns after which it lies otherwise."""
+    part = tree.part
+    turns = near_symmetries(part.vertices, part.triangles)
+    apart = same_part_distance(
+        turns[:, :3, :3], turns[:, :3, 3], np.eye(3), np.zeros(3), tree.symmetries, part.diameter
+    )
+    return turns[apart > NEARLY_SAME * part.diameter]
 
 
 def prepare_forest(trees: Sequence[InterpretationTree | Prepared]) -> PreparedForest:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import Verdict
@@ -12,6 +13,8 @@ from itree_jax.refinement.verify import Verdict
 FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
 MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with another
 SIMILAR_EXTENT = 1.4  # extents that differ by more tell a turned part at a glance
+ROUND_EXTENT = 1.15  # ... and those of a part that is nearly round stay closer than this all around
+ROUND_TURNS = 2.0 * np.pi * np.arange(1, 15) / 15  # [rad]: none of them a cube's, 24 degrees apart
 NEARLY_SAME = 0.1  # of the diameter: two hypotheses whose rims differ by less are one
 
 
@@ -109,7 +112,8 @@ def pose_distance(
 def near_symmetries(
     vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
 ) -> Float[np.ndarray, "turns 4 4"]:
-    """Turns of a cube about the part's main axes that nearly keep its extent, model -> model [mm], identity left out.
+    """Turns about the part's main axes that nearly keep its extent, model -> model [mm], identity left out: those of a
+    cube, and about an axis that the part is nearly round about, all around in steps that refinement bridges.
 
     Machine parts nearly repeat themselves under these. A pose that is wrong by one of them explains most of what it
     shows and is a minimum of its own, which no refinement leaves: the small feature that tells them apart has to be
@@ -120,6 +124,10 @@ def near_symmetries(
     extent = along.max(axis=0) - along.min(axis=0)
     centre = axes @ ((along.min(axis=0) + along.max(axis=0)) / 2.0)
     turns = []
+    for k in range(3):
+        about = [Rotation.from_rotvec(angle * axes[:, k]).as_matrix() for angle in ROUND_TURNS]
+        if all(_keeps_extent(vertices @ R.T @ axes, extent) for R in about):
+            turns += [_turn(R, centre) for R in about]
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             P = np.zeros((3, 3))
@@ -128,11 +136,20 @@ def near_symmetries(
             differs = np.abs(np.log(ratio)).max() > np.log(SIMILAR_EXTENT)
             if np.linalg.det(P) < 0 or np.allclose(P, np.eye(3)) or differs:
                 continue
-            T = np.eye(4)
-            T[:3, :3] = axes @ P @ axes.T
-            T[:3, 3] = centre - T[:3, :3] @ centre
-            turns.append(T)
-    return np.array(turns)
+            turns.append(_turn(axes @ P @ axes.T, centre))
+    return np.array(turns).reshape(-1, 4, 4)
+
+
+def _keeps_extent(along: Float[np.ndarray, "vertices 3"], extent: Float[np.ndarray, "3"]) -> bool:
+    """As a round part's turn does; that of a square one makes it a third wider."""
+    ratio = (along.max(axis=0) - along.min(axis=0)) / extent
+    return bool(np.abs(np.log(ratio)).max() < np.log(ROUND_EXTENT))
+
+
+def _turn(R: Float[np.ndarray, "3 3"], centre: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, centre - R @ centre
+    return T
 
 
 def main_axes(

@@ -99,9 +99,10 @@ def schedule(
         Round(polish, 2, tolerances(fine, np.radians(20.0), jump)),
     )
     turned = (
-        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 3, rounds[2].tolerances),
-        Round(Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 1, rounds[3].tolerances),
-        Round(polish, 1, rounds[4].tolerances),
+        Round(Stage(2, 24, (start, middle), (1.0, 0.8), (start / pitch, middle / pitch)), 8, rounds[1].tolerances),
+        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 4, rounds[2].tolerances),
+        Round(Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 2, rounds[3].tolerances),
+        Round(polish, 2, rounds[4].tolerances),
     )
     values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)

@@ -77,6 +77,16 @@ def test_turns_are_proper_and_not_the_identity(name):
     np.testing.assert_allclose(R @ middle + turns[:, :3, 3], np.tile(middle, (len(R), 1)), atol=1e-9)
 
 
+def test_a_round_part_is_turned_all_around_its_axis():
+    """In steps that refinement bridges; cube turns are among them."""
+    part = bundled_part("stepped-bushing")
+    R = turns_of(part)[:, :3, :3]
+    axis = np.array([0.0, 0.0, 1.0])
+    about = R[np.abs(R @ axis - axis).max(axis=1) < 1e-6]
+    angle = np.sort(np.arctan2(about[:, 1, 0], about[:, 0, 0]) % (2 * np.pi))
+    assert np.degrees(np.diff([0.0, *angle, 2 * np.pi]).max()) < 25.0
+
+
 def test_the_turns_turn_with_the_part():
     part = bundled_part("bracket")
     R = rotations(1, 5)[0]
