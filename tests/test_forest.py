@@ -13,7 +13,7 @@ import itree_jax
 from itree_jax.compile import compile_tree
 from itree_jax.detections import Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
-from itree_jax.recognition import as_forest, recognize
+from itree_jax.recognition import TOO_DARK, as_forest, recognize
 from itree_jax.root_answer import NO_PART
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.simulate.bin import Bin
@@ -86,9 +86,8 @@ def test_a_forest_gives_a_part_the_pose_that_its_own_tree_gives_it(alone, forest
     np.testing.assert_allclose(ours.poses.R, own.poses.R, atol=2e-3)
     np.testing.assert_allclose(ours.poses.t, own.poses.t, atol=0.05)
     np.testing.assert_allclose(ours.poses.t[0], cases[k].t_cam_obj[0], atol=0.5)
-    regions = own.labels.max() + 1
-    assert own.interpretations == regions
-    assert ours.interpretations < 2 * regions
+    assert 0 < own.interpretations <= own.labels.max() + 1
+    assert ours.interpretations < 2 * own.interpretations
 
 
 def test_mixed_parts_are_found_each_under_its_number(mixed, cases):
@@ -128,7 +127,9 @@ def test_a_region_that_no_part_is_left_for_has_its_reason(forest, cases):
     nothing = replace(forest, root=replace(forest.root, behind=-1.0))
     found = answer(nothing, cases[2])
     assert (len(found), found.interpretations) == (0, 0)
-    assert [entry["reason"] for entry in found.not_recognised] == [NO_PART] * (found.labels.max() + 1)
+    assert len(found.not_recognised) == found.labels.max() + 1
+    reasons = [entry["reason"] for entry in found.not_recognised]
+    assert set(reasons) == {NO_PART, TOO_DARK}  # the table is no part
 
 
 def test_trees_a_list_and_a_forest_are_prepared_alike(alone, forest, paper_tree, plate_tree):

@@ -14,6 +14,7 @@ from cases.highest_region import HIGHEST, Measured
 from cases.region_frame import RegionFrame
 from cases.work_models import RegionModel, region_models
 from itree_jax.answers import Interpretation, describe
+from itree_jax.backtracking import FIRST
 from itree_jax.decision_path import decision_path
 from itree_jax.detections import Detection, Detections, Step
 from itree_jax.features.characteristics import characteristics
@@ -140,9 +141,9 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     regions = measure_regions(found, needle, scene.images, scene.sensor, prepared.pitch)
     said = ask_root(forest, {prepared.pitch: regions}, found.count)
     sight = look(scene.images, scene.sensor, np.asarray(scene.depth, np.float32), scene.R_w2c)
-    answer = interpret(prepared, 0, np.arange(found.count), regions, sight)
+    answer = interpret(prepared, 0, np.arange(found.count), said, regions, sight, FIRST)
     detections = Detections(
-        describe([answer], found, forest.root, said), time.perf_counter() - start, labels=found.labels
+        describe([answer], forest.root), time.perf_counter() - start, labels=found.labels
     )
     return Recognised(case, measured, answer, detections, *highest_window(measured, prepared))
 

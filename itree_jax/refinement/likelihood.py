@@ -142,7 +142,7 @@ def shading_ratio(
     """
     height, width, lights = observed.shading.shape
     if lights == 0:
-        return jnp.zeros(normal.shape[:2]), jnp.ones(normal.shape[:2], bool)
+        return jnp.zeros(normal.shape[:2]), jnp.zeros(normal.shape[:2], bool)
     u, v = jnp.moveaxis(uv, -1, 0).astype(jnp.int32)
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
     seen = observed.shading[jnp.clip(v, 0, height - 1), jnp.clip(u, 0, width - 1)]
