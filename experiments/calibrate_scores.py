@@ -36,7 +36,7 @@ from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, terms
 from itree_jax.tree.tree_file import load_tree
 
 RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
-PRECISION = 0.995  # that answers should have together, on bins of one's own renderer: other scenes are less like the model
+PRECISION = 0.995  # of the answers together, on bins of our own renderer: others are less alike
 
 
 @dataclass(frozen=True)
