@@ -43,15 +43,6 @@ def place(
     return R_cam_obj, t_cam_obj
 
 
-def evidence(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
-    """Evidence for a pose in pixels: those that agree, by how closely, less those that contradict.
-
-    Hidden pixels say nothing either way. A contour outside of which the surface goes on contradicts like a band of
-    pixels along it.
-    """
-    return verdict.closeness - verdict.contradicting - verdict.contour_missed
-
-
 def agreement(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
     """Share of what the pose should show that the scene shows, in 0..1: pixels times contour."""
     return pixel_share(verdict) * contour_share(verdict)
