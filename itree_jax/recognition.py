@@ -56,6 +56,7 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_DARK = "it is darker than the parts"
+TOO_SMALL = "it is much smaller than the part's regions"
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
 
@@ -227,7 +228,8 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
         for r in range(found.count):
             number = numbers[id(found)] + r
             if number in there and number not in recognised:
-                reason = best_reason(of_reading, r) or (NO_PART if bright[r] else TOO_DARK)
+                left = any(a.said.left[r].any() for a in of_reading)
+                reason = best_reason(of_reading, r) or (TOO_DARK if not bright[r] else TOO_SMALL if left else NO_PART)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r])})
     return Detections(
         describe(answers, forest.root), seconds, labels=labels, not_recognised=tuple(unexplained),
