@@ -52,7 +52,6 @@ class Verdict(NamedTuple):
     hidden: Float[np.ndarray, "*h"]  # something is nearer
     contour_found: Float[np.ndarray, "*h"]  # contour points outside of which the surface ends
     contour_missed: Float[np.ndarray, "*h"]  # contour points outside of which it goes on as if there were no contour
-    explained: Bool[np.ndarray, "*h s s"]  # the agreeing pixels of the window
 
 
 def verify_one(
@@ -89,7 +88,7 @@ def verify_one(
         total(agree) + BLIND * total(alike), closeness, total(agree & needle) + BLIND * total(alike & needle),
         total(contradict) + BLIND * total(unlike), total(hidden),
     )
-    values: Any = (*of_pixels, found, missed, agree | alike)
+    values: Any = (*of_pixels, found, missed)
     return Verdict(*values)
 
 
@@ -179,7 +178,7 @@ def verify(
     """Renders every hypothesis and compares. Returns the verdicts, window origins [px] and the stride [px].
 
     Without a `jump` contours aren't looked for, and none is found or missed. What other cameras say is added to the
-    counts; `explained` is of the first camera's pixels.
+    counts.
     """
     count = len(hypotheses.t_cam_obj)
     R, t = padded(hypotheses, size)
@@ -187,8 +186,8 @@ def verify(
     verdict, origin = _verify_in(R, t, model, observed, camera, tolerances, size, stride, jump)
     for view in others:
         there, _ = _verify_in(*view.poses(R, t), model, view.observed, view.camera, tolerances, size, stride, jump)
-        counts: Any = (here + other for here, other in zip(verdict[:-1], there[:-1], strict=True))
-        verdict = Verdict(*counts, explained=verdict.explained)
+        counts: Any = (here + other for here, other in zip(verdict, there, strict=True))
+        verdict = Verdict(*counts)
     return Verdict(*(v[:count] for v in verdict)), origin[:count], stride
 
 

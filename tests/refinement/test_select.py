@@ -29,7 +29,7 @@ def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1
     found = np.full(count, contour * 400.0)
     verdict = Verdict(
         agreeing, 0.8 * agreeing, 0.6 * agreeing, np.zeros(count), hidden.sum(axis=(1, 2)).astype(float), found,
-        400.0 - found, np.zeros((count, 0, 0), bool),
+        400.0 - found,
     )  # fmt: skip
     origin = np.zeros((count, 2)) if origin is None else np.asarray(origin, float)
     support = Support(pixels, hidden, agreeing, np.zeros(count), origin, stride)

@@ -50,7 +50,6 @@ def at_window(image, origin, stride):
 def test_the_true_pose_is_agreed_with_everywhere(bracket, t, scene):
     verdict, origin, stride = judged(bracket, scene.maps, (R, t))
     part = at_window(scene.lit.instance + 1, origin[0], stride) == 1
-    np.testing.assert_array_equal(verdict.explained[0], part)
     assert verdict.agreeing[0] == verdict.needles_agreeing[0] == part.sum() > 500
     np.testing.assert_allclose(verdict.closeness[0], part.sum(), rtol=1e-3)
     assert verdict.contradicting[0] == 0
@@ -118,7 +117,7 @@ def test_what_something_nearer_covers_is_hidden(bracket, t):
     part = at_window(alone.lit.instance + 1, origin[0], stride) == 1
     covered = at_window(scene.lit.instance + 1, origin[0], stride) == 3
     assert verdict.hidden[0] == (part & covered).sum() > 200
-    np.testing.assert_array_equal(verdict.explained[0], part & ~covered)
+    assert verdict.agreeing[0] == (part & ~covered).sum()
     assert verdict.contradicting[0] == 0
 
 
