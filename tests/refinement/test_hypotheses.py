@@ -12,10 +12,10 @@ from itree_jax.refinement.hypotheses import (
     best_of_each_region,
     joined,
     main_axes,
-    near_symmetries,
     place,
     pose_distance,
     turned_about_axes,
+    turns_about_axes,
 )
 from itree_jax.refinement.optimise import Hypotheses
 
@@ -31,7 +31,7 @@ def hypotheses(count: int, region, seed: int = 0) -> RegionHypotheses:
 
 
 def turns_of(part) -> np.ndarray:
-    return near_symmetries(part.vertices, part.triangles)
+    return turns_about_axes(part.vertices, part.triangles)
 
 
 def extent(points: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def test_a_box_has_the_turns_of_its_extent(edges, count):
     part = box_part(*map(float, edges))
     R, shift = rotations(1, 3)[0], np.array([30.0, -7.0, 11.0])
     for vertices, axes in ((part.vertices, np.eye(3)), (part.vertices @ R.T + shift, R)):
-        turns = near_symmetries(vertices, part.triangles)
+        turns = turns_about_axes(vertices, part.triangles)
         assert turns.shape == (count, 4, 4)
         for T in turns:
             moved = vertices @ T[:3, :3].T + T[:3, 3]
@@ -90,7 +90,7 @@ def test_a_round_part_is_turned_all_around_its_axis():
 def test_the_turns_turn_with_the_part():
     part = bundled_part("bracket")
     R = rotations(1, 5)[0]
-    turned = near_symmetries(part.vertices @ R.T, part.triangles)[:, :3, :3]
+    turned = turns_about_axes(part.vertices @ R.T, part.triangles)[:, :3, :3]
     assert same_rotations(turned, R @ turns_of(part)[:, :3, :3] @ R.T)
 
 
