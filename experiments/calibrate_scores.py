@@ -37,6 +37,7 @@ from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, share, terms
 from itree_jax.tree.tree_file import load_tree
 
 RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
+LEAST_SPREAD = 0.1  # of a term: what hardly changes from answer to answer gets no large weight
 SUREST = 1.0 - 1e-6  # share that still lets an answer be wrong
 PRECISION = 0.995  # of the answers together, on bins of our own renderer: others are less alike
 
@@ -133,7 +134,7 @@ def fitted(
     """The model of greatest likelihood whose weights have the signs that they must have: an answer is right with the
     probability of a logistic model of the terms times its share.
     """
-    scale = np.maximum(X.std(axis=0), 1e-6)
+    scale = np.maximum(X.std(axis=0), LEAST_SPREAD)
     Z, kept = X / scale, np.minimum(shares, SUREST)
 
     def loss(w: Float[np.ndarray, "weights"]) -> tuple[float, Float[np.ndarray, "weights"]]:
