@@ -39,7 +39,7 @@ from itree_jax.tree.tree_file import load_tree
 RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
 LEAST_SPREAD = 0.1  # of a term: what hardly changes from answer to answer gets no large weight
 SUREST = 1.0 - 1e-6  # share that still lets an answer be wrong
-PRECISION = 0.995  # of the answers together, on bins of our own renderer: others are less alike
+PRECISION = 0.99  # of the answers together, on bins of our own renderer: others are less alike
 
 
 @dataclass(frozen=True)

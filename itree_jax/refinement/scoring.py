@@ -62,7 +62,7 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 
 # Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.
 SCORINGS = {
-    "depth": Scoring((0.399, 0.051, -1.068, -9.827, 2.724, 0.308, 6.265, 0.0, 1.327), -12.828, 0.75),
+    "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012), -17.652, 0.75),
     "stereo": Scoring((0.219, 0.0, -0.107, -5.008, 7.636, 0.0, 11.439, 2.931, 7.971), -22.926, 0.8),
     "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568), -27.849, 0.5),
 }
