@@ -42,7 +42,7 @@ class Schedule:
     """All rounds of one part under one sensor."""
 
     rounds: tuple[Round, ...]  # of the candidates
-    turned: tuple[Round, ...]  # of accepted poses under their near symmetries
+    turned: tuple[Round, ...]  # of accepted poses turned about their main axes
     last: Stage | None  # of the answers and their rivals, where a depth map's pixels may err independently
     deviations: Deviations
     independent: Deviations  # the same, but no bias of depth
