@@ -12,12 +12,12 @@ from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses, joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses, NormalEquations, refine
 from itree_jax.refinement.schedule import Schedule
-from itree_jax.refinement.scoring import HOPELESS
 from itree_jax.refinement.select import Judged, together
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
+UNSETTLED = 500.0  # [nats]: the last step changes likelihoods by less (experiments/refinement_nats.py)
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
@@ -72,9 +72,8 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     plan, accepted = plan_of(answer, sight), answer.selection.accepted
     if plan.last is None or not len(accepted):
         return answer
-    of_place = answer.judged.near[accepted].any(axis=0) & (answer.selection.score >= HOPELESS)
-    of_place[accepted] = True
-    tried = np.flatnonzero(of_place)
+    close = [others[margins < UNSETTLED] for others, margins in answer.selection.rivals]
+    tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
     poses, _ = refine(
         before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
@@ -83,7 +82,7 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     after = before._replace(poses=poses)
     judged = judge(after, answer.prepared, sight, plan)
     better = np.flatnonzero(judged.log_likelihood > answer.judged.log_likelihood[tried])
-    kept = np.setdiff1d(np.arange(len(of_place)), tried[better])
+    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[better])
     rest = replace(
         answer, hypotheses=answer.hypotheses.take(kept), equations=rows(answer.equations, kept),
         judged=answer.judged.take(kept),

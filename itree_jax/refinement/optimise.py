@@ -21,6 +21,7 @@ from itree_jax.sensing.needle import Array
 DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
 SMALLEST_BATCH, BATCH = 16, 128
 LARGE_WINDOW, LARGE_BATCH = 48, 32  # few hypotheses reach the large windows, and padding costs most there
+LARGEST_WINDOW, LEAST_BATCH = 128, 8  # ... and at the image's own resolution there are the answers alone
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 
 
@@ -84,13 +85,13 @@ class Stage:
 
 def batch_of(size: int) -> int:
     """Hypotheses that a compiled function takes at once, with windows of `size` pixels per side."""
-    return LARGE_BATCH if size >= LARGE_WINDOW else BATCH
+    return LEAST_BATCH if size >= LARGEST_WINDOW else LARGE_BATCH if size >= LARGE_WINDOW else BATCH
 
 
 def batch_size(count: int, size: int) -> int:
     """`SMALLEST_BATCH`, or a multiple of the batch: compiled functions see batches of these two sizes only."""
     batch = batch_of(size)
-    return SMALLEST_BATCH if count <= SMALLEST_BATCH else -(-count // batch) * batch
+    return SMALLEST_BATCH if count <= SMALLEST_BATCH < batch else -(-count // batch) * batch
 
 
 def in_batches(function: Callable[..., Any], size: int, *arrays: Any) -> Any:
