@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from itree_kernels.errors import ItreeError
@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from itree_jax.grasp.candidate import Candidate
 from itree_jax.grasp.candidates import GraspTable, grasp_table
-from itree_jax.grasp.collide import Obstacles
+from itree_jax.grasp.collide import Obstacles, Verdict
 from itree_jax.grasp.gripper import Gripper
 from itree_jax.grasp.rank import score
 from itree_jax.tree.tree import InterpretationTree
@@ -36,6 +36,20 @@ class Grasp:
 
 
 @dataclass(frozen=True)
+class Tried:
+    """One candidate of one placed part, as it stands in the world."""
+
+    part: PlacedPart
+    candidate: Candidate
+    T_cam_grasp: Float[np.ndarray, "4 4"]
+    verdict: Verdict | None  # None: it comes too flat, and was not held against anything
+
+    @property
+    def free(self) -> bool:
+        return self.verdict is not None and not self.verdict.hit
+
+
+@dataclass(frozen=True)
 class Grasps:
     """The grasps of a scene."""
 
@@ -43,6 +57,7 @@ class Grasps:
     grasps: tuple[Grasp, ...]  # the best first; at most one per face and direction
     reasons: Mapping[int, str]  # of the detections that have none, by index
     reason: str  # why the scene has none; "" when it has
+    tried: tuple[Tried, ...] = field(default=(), repr=False)  # all candidates, also those that collide
 
     @property
     def best(self) -> Grasp | None:
@@ -76,52 +91,56 @@ def find_grasps(
     gripper = next(iter(grippers.values()))
     if not world.parts:
         return Grasps(gripper, (), {}, NO_PART)
-    obstacles = Obstacles(world_meshes(world))
     highest = max(float(world.height(part.X_cam).max()) for part in world.parts)
+    tried = tried_grasps(world, tables)
     found: list[Grasp] = []
     reasons: dict[int, str] = {}
     for part in world.parts:
-        own, why = _of_part(part, tables[part.detection.obj_id], world, obstacles, highest,
-                            (axes or {}).get(part.detection.obj_id, ()))  # fmt: skip
-        found += own
-        if not own:
-            reasons[part.index] = why
+        own = [one for one in tried if one.part is part]
+        turns = (axes or {}).get(part.detection.obj_id, ())
+        free = [_grasp(one, gripper, world, highest, turns) for one in own if one.free]
+        sure = [grasp for grasp in free if grasp.score >= LEAST_SCORE]
+        found += sure
+        if not sure:
+            reasons[part.index] = tables[part.detection.obj_id].reason or _why_none(own, len(free))
     found.sort(key=lambda grasp: -grasp.score)
     if T_robot_cam is not None:
         found = [replace(grasp, T_robot_grasp=T_robot_cam @ grasp.T_cam_grasp) for grasp in found]
     summary = "" if found else "; ".join(f"part {index}: {why}" for index, why in reasons.items())
-    return Grasps(gripper, tuple(found), reasons, summary)
+    return Grasps(gripper, tuple(found), reasons, summary, tuple(tried))
 
 
-def _of_part(
-    part: PlacedPart, table: GraspTable, world: World, obstacles: Obstacles, highest: float, axes: Sequence
-) -> tuple[list[Grasp], str]:
-    """The free grasps of one part, and why there are none."""
-    if not table.candidates:
-        return [], table.reason
-    gripper, found, hits, flat, unsure = table.gripper, [], Counter(), 0, 0
-    for candidate in table.candidates:
-        T_cam_grasp = part.T_cam_obj @ candidate.T_obj_grasp
-        if -float(T_cam_grasp[:3, 2] @ world.up_cam) < np.cos(gripper.tilt):
-            flat += 1
-            continue
-        verdict = obstacles.verdict(gripper, candidate.width, T_cam_grasp, f"part {part.index}")
-        if verdict.hit:
-            hits[verdict.hit] += 1
-            continue
-        height = float(world.height(T_cam_grasp[:3, 3]))
-        value = score(part.detection, candidate, gripper, verdict.clearance, height, highest, part.part.diameter, axes)
-        if value < LEAST_SCORE:
-            unsure += 1
-            continue
-        near = f", {verdict.clearance:.1f} mm from {in_words(verdict.near)}" if verdict.near else ""
-        words = f"holds face {' and face '.join(map(str, candidate.faces))}{near}"
-        found.append(Grasp(part.index, T_cam_grasp, None, candidate.width, verdict.clearance, value, words, candidate))
-    return found, _why_none(len(table), flat, unsure, hits)
+def tried_grasps(world: World, tables: Mapping[int, GraspTable]) -> list[Tried]:
+    """Every candidate of every placed part, held against the world."""
+    obstacles = Obstacles(world_meshes(world))
+    tried = []
+    for part in world.parts:
+        table = tables[part.detection.obj_id]
+        for candidate in table.candidates:
+            T_cam_grasp = part.T_cam_obj @ candidate.T_obj_grasp
+            steep = -float(T_cam_grasp[:3, 2] @ world.up_cam) >= np.cos(table.gripper.tilt)
+            verdict = None
+            if steep:
+                verdict = obstacles.verdict(table.gripper, candidate.width, T_cam_grasp, f"part {part.index}")
+            tried.append(Tried(part, candidate, T_cam_grasp, verdict))
+    return tried
 
 
-def _why_none(count: int, flat: int, unsure: int, hits: Counter) -> str:
-    """In words: what became of every candidate."""
+def _grasp(tried: Tried, gripper: Gripper, world: World, highest: float, axes: Sequence) -> Grasp:
+    """A free one, with its score and what it holds."""
+    part, candidate, verdict = tried.part, tried.candidate, tried.verdict
+    assert verdict is not None
+    height = float(world.height(tried.T_cam_grasp[:3, 3]))
+    value = score(part.detection, candidate, gripper, verdict.clearance, height, highest, part.part.diameter, axes)
+    near = f", {verdict.clearance:.1f} mm from {in_words(verdict.near)}" if verdict.near else ""
+    words = f"holds face {' and face '.join(map(str, candidate.faces))}{near}"
+    return Grasp(part.index, tried.T_cam_grasp, None, candidate.width, verdict.clearance, value, words, candidate)
+
+
+def _why_none(tried: Sequence[Tried], unsure: int) -> str:
+    """In words: what became of every candidate of a part."""
+    count, flat = len(tried), sum(one.verdict is None for one in tried)
+    hits = Counter(one.verdict.hit for one in tried if one.verdict is not None and one.verdict.hit)
     collided = sum(hits.values())
     by = Counter()
     for name, n in hits.items():
