@@ -14,7 +14,7 @@ from itree_jax.grasp import grasp_table, load_gripper
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.clear import REMOVED, ClearedBin, State, clear_bin
 from itree_jax.simulate.clear_tables import COLUMNS, write_tables
-from itree_jax.simulate.grasp_check import TrueBin
+from itree_jax.simulate.grasp_check import TrueBin, fine_pieces
 from itree_jax.simulate.settle import settle_from
 
 BIN = Bin((160.0, 120.0), 30.0)
@@ -62,7 +62,7 @@ def test_a_part_that_is_not_where_it_is_thought_is_hit_or_missed():
 
 
 def test_what_lay_on_a_part_that_is_taken_falls():
-    state = State(((BOX, 1),), BIN, np.zeros(2, int), np.stack([at(0, 0), at(0, 0, 30.01)]))
+    state = State(((BOX, 1),), BIN, np.zeros(2, int), np.stack([at(0, 0), at(0, 0, 30.01)]), fine_pieces([BOX]))
     after = state.without(0)
     assert len(after.of_kind) == 1
     assert after.T_bin_obj[0, 2, 3] == pytest.approx(10.0, abs=0.2)
