@@ -34,6 +34,11 @@ class Judged(NamedTuple):
         one = self.support
         return (np.sum(one.pixels, axis=(1, 2), dtype=np.float64) + one.beside) * one.stride**2
 
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
+        """Of some hypotheses; who is near whom as before."""
+        verdict = Verdict(*(counts[index] for counts in self.verdict))
+        return Judged(verdict, self.support.take(index), self.least_pixels, self.near[np.ix_(index, index)])
+
 
 def together(first: Judged, second: Judged) -> Judged:
     """Both lists, one after the other; who is near whom is to be told again."""
