@@ -49,7 +49,7 @@ def main(config: Config) -> None:
 
 
 def cleared_bins(name: str, config: Config) -> list[ClearedBin]:
-    """The bins of one part. Its tree is kept in the output folder, and what is done so far is written after each bin."""
+    """The bins of one part. Its tree stays in the output folder; what is done so far is written after each bin."""
     folder = config.out / name
     folder.mkdir(exist_ok=True)
     path = folder / f"{name}.tree"
