@@ -23,7 +23,7 @@ from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import run, scenes_of_parts
 from quality.comparison import compare_configurations
 
-from itree_jax import recognition
+from itree_jax import challenge, competition, narrowing, recognition
 from itree_jax.answers import Interpretation
 from itree_jax.cli.recognize import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.prepared import prepare
@@ -65,7 +65,17 @@ def no_refinement() -> Iterator[None]:
         none = NormalEquations(unit, np.zeros((count, 6)), np.zeros(count), unit, unit)
         return hypotheses, none
 
-    with patch.object(recognition, "refine", stay):
+    with patch.object(narrowing, "refine", stay), patch.object(challenge, "refine", stay):
+        yield
+
+
+@contextmanager
+def no_challenge() -> Iterator[None]:
+    """Accepted poses meet no turned ones, and are not polished."""
+    with (
+        patch.object(recognition, "challenged", lambda answer, sight: answer),
+        patch.object(recognition, "settled", lambda answers, sight: answers),
+    ):
         yield
 
 
@@ -91,8 +101,9 @@ def no_verification() -> Iterator[None]:
 
     with ExitStack() as stack:
         stack.enter_context(patch.object(recognition, "select", lambda judged, _, given, __: taken(judged, given)))
-        stack.enter_context(patch.object(recognition, "selections", of_all))
+        stack.enter_context(patch.object(competition, "selections", of_all))
         stack.enter_context(no_backtracking())
+        stack.enter_context(no_challenge())
         yield
 
 
@@ -108,6 +119,7 @@ def no_reflectance() -> Iterator[None]:
 CONFIGURATIONS: dict[str, Callable[[], Any]] = {
     "everything": everything,
     "no backtracking": no_backtracking,
+    "no challenge": no_challenge,
     "no refinement": no_refinement,
     "no verification": no_verification,
     "no reflectance": no_reflectance,

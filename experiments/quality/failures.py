@@ -14,7 +14,7 @@ from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.score import LOOSE, STRICT
 from itree_jax.refinement.hypotheses import turns_about_axes
 
-# A pose turned by a near symmetry slides until most of what it shows fits, by up to about a wall's thickness.
+# A pose turned about a main axis slides until most of what it shows fits, by up to about a wall's thickness.
 TURNED_WITHIN = 0.15  # of the diameter, MSSD to a true pose under the turn
 SAME_PLACE = 0.5  # of what an answer shows: more than half of it lies on the true part that it is about
 NO_INSTANCE = -1
@@ -23,7 +23,7 @@ NO_INSTANCE = -1
 class Kind(Enum):
     """How a failure is wrong; the value is what a reader sees."""
 
-    TURNED = "turned by a near symmetry"
+    TURNED = "turned about a main axis"
     OFF = "off by 5 to 10 % of the diameter"
     ATTITUDE = "right place, wrong attitude"
     SECOND = "a second answer for an instance that is found"
@@ -110,7 +110,7 @@ def wrong_answer(
 def turned_distance(
     R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], true: Pose, shape: Shape
 ) -> Float[np.ndarray, "instances"]:
-    """MSSD to each true pose turned by a near symmetry, least over the turns, as one of the diameter."""
+    """MSSD to each true pose turned about a main axis, least over the turns, as one of the diameter."""
     if not len(shape.turns):
         return np.full(len(true.t), np.inf)
     answered = shape.hull @ R.T + t

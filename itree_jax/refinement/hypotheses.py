@@ -168,7 +168,7 @@ def main_axes(
 
 
 def turned_about_axes(hypotheses: RegionHypotheses, turns: Float[np.ndarray, "turns 4 4"]) -> RegionHypotheses:
-    """Every hypothesis under every near symmetry: `T_cam_obj @ turn`."""
+    """Every hypothesis under every turn: `T_cam_obj @ turn`."""
     R, t = hypotheses.poses
     R_turned = np.einsum("hab,kbc->hkac", R, turns[:, :3, :3])
     t_turned = np.einsum("hab,kb->hka", R, turns[:, :3, 3]) + t[:, None]

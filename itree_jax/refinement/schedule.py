@@ -23,6 +23,7 @@ EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
 EDGE_BIAS = 0.15  # [px] shared by a contour
 DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
 NOISE_SIGMAS = 4.0
+LAST_SIGMAS = 3.0  # at the end: what a pixel is off by more is a part that leans on this one
 DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
 IMAGE_EDGE_GATE = 1.5  # [px]: three deviations; images have edges of textures and other parts a few pixels away
 
@@ -41,7 +42,7 @@ class Schedule:
     """All rounds of one part under one sensor."""
 
     rounds: tuple[Round, ...]  # of the candidates
-    turned: tuple[Round, ...]  # of accepted poses under their near symmetries
+    turned: tuple[Round, ...]  # of accepted poses turned about their main axes
     last: Stage | None  # of the answers and their rivals, where a depth map's pixels may err independently
     deviations: Deviations
     independent: Deviations  # the same, but no bias of depth
@@ -112,5 +113,6 @@ def schedule(
     errors = SensorErrors(*(jnp.float32(v) for v in reckoned))
     deviations = Deviations(*(jnp.float32(v) for v in values))
     independent = deviations._replace(depth_bias=jnp.float32(0.0))
-    last = Stage(3, SIZE, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate)) if edge == 0.0 else None
+    narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
+    last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate)) if edge == 0.0 else None
     return Schedule(rounds, turned, last, deviations, independent, errors, jump, 96)

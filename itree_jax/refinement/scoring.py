@@ -33,7 +33,7 @@ class Scoring(NamedTuple):
 
     weights: tuple[float, ...]  # one per term
     bias: float
-    least: float  # a less probable pose is no answer
+    least: float  # a pose whose place is less probable is no answer
 
 
 # What the model adds up, and the sign that each weight must have: doubt never makes a pose more probable.
@@ -55,9 +55,14 @@ def share(margin: Float[np.ndarray, "*h"]) -> Float[np.ndarray, "*h"]:
     return expit(margin / REFINEMENT_NATS)
 
 
+def of_place(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
+    """Probability that the pose or its best rival is right."""
+    return expit(terms(measures) @ np.array(scoring.weights) + scoring.bias)
+
+
 def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
-    """That of being right: the place's, by a logistic model of the terms, times the pose's share of it."""
-    return expit(terms(measures) @ np.array(scoring.weights) + scoring.bias) * share(measures.margin)
+    """That of being right: the place's times the pose's share of it."""
+    return of_place(measures, scoring) * share(measures.margin)
 
 
 # Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.

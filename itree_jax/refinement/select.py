@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import contour_share
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, probability
+from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
@@ -87,7 +87,7 @@ def select_jointly(
         final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
-        improbable = [key for key in accepted if scores[key[0]][key[1]] < scoring.least]
+        improbable = [key for key in accepted if of_place(final[key], scoring) < scoring.least]
         if not improbable:
             break
         out |= dict.fromkeys(improbable, "it is improbable beside the accepted poses")
