@@ -1,6 +1,6 @@
 """Parts dropped into a bin by a physics engine (MuJoCo, the extra `sim`)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.decompose import convex_pieces
+
+Pieces = Mapping[int, Sequence[Float[np.ndarray, "points 3"]]]
 
 METRE = 1e-3  # the engine's contact defaults are made for metres
 TIME_STEP = 1e-3  # [s]
@@ -43,22 +45,44 @@ def settle_mixed(
     parts: Sequence[Part], bin_: Bin, seed: int
 ) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
     """`settle` for different parts, dropped in their order; also which of them lie in the bin."""
-    mujoco = _engine()
+    mujoco = engine()
     count = len(parts)
     if count < 1:
         raise ItreeError(f"{count} parts cannot be dropped; at least one is needed.")
     rng = np.random.default_rng(seed)
-    model = _model(mujoco, parts, bin_)
+    model = bin_spec(mujoco, parts, bin_).compile()
     data = mujoco.MjData(model)
     fall = _release(data, parts, bin_, rng)
     _run(mujoco, model, data, fall)
     poses = _poses(data, count)
-    middle = np.array([part.vertices.mean(axis=0) for part in parts])
-    kept = np.flatnonzero(bin_.contains(np.einsum("kij,kj->ki", poses[:, :3, :3], middle) + poses[:, :3, 3]))
+    kept = _inside(parts, poses, bin_)
     return poses[kept], kept
 
 
-def _engine() -> ModuleType:
+def settle_from(
+    parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin, pieces: Pieces | None = None
+) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
+    """What lies where once parts at these poses are left to themselves: after one was taken from under others."""
+    mujoco = engine()
+    model = bin_spec(mujoco, parts, bin_, pieces).compile()
+    data = mujoco.MjData(model)
+    qpos = data.qpos.reshape(len(parts), 7)
+    qpos[:, :3] = T_bin_obj[:, :3, 3] * METRE
+    qpos[:, 3:] = np.roll(Rotation.from_matrix(T_bin_obj[:, :3, :3]).as_quat(), 1, axis=1)
+    data.qpos[:] = qpos.ravel()
+    _run(mujoco, model, data, 0.0)
+    poses = _poses(data, len(parts))
+    kept = _inside(parts, poses, bin_)
+    return poses[kept], kept
+
+
+def _inside(parts: Sequence[Part], poses: Float[np.ndarray, "parts 4 4"], bin_: Bin) -> Int[np.ndarray, "kept"]:
+    middle = np.array([part.vertices.mean(axis=0) for part in parts])
+    return np.flatnonzero(bin_.contains(np.einsum("kij,kj->ki", poses[:, :3, :3], middle) + poses[:, :3, 3]))
+
+
+def engine() -> ModuleType:
+    """MuJoCo. Raises ItreeError when it is not installed."""
     try:
         import mujoco
     except ImportError as error:
@@ -68,7 +92,11 @@ def _engine() -> ModuleType:
     return mujoco
 
 
-def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
+def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin, pieces: Pieces | None = None) -> Any:
+    """The bin and the parts, body "part0", "part1", ..., each free to move, for the engine to compile [m].
+
+    `pieces` are the parts' convex pieces by `id(part)`, if they are known: to find them takes seconds.
+    """
     spec = mujoco.MjSpec()
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -78,8 +106,8 @@ def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
         geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size * METRE, pos=position * METRE)
         _surface(geom)
     kinds = list({id(part): part for part in parts}.values())
-    pieces = [convex_pieces(part) for part in kinds]
-    for kind, of_part in enumerate(pieces):
+    of_kind = [convex_pieces(part) if pieces is None else pieces[id(part)] for part in kinds]
+    for kind, of_part in enumerate(of_kind):
         for i, points in enumerate(of_part):
             spec.add_mesh(
                 name=f"piece{kind}.{i}", uservert=(points * METRE).ravel(),
@@ -90,9 +118,9 @@ def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
         kind = next(j for j, known in enumerate(kinds) if known is part)
         body = spec.worldbody.add_body(name=f"part{k}", explicitinertial=True, **inertial[kind])
         body.add_freejoint()
-        for i in range(len(pieces[kind])):
+        for i in range(len(of_kind[kind])):
             _surface(body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"piece{kind}.{i}"))
-    return spec.compile()
+    return spec
 
 
 def _surface(geom: Any) -> None:
