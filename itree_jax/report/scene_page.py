@@ -6,6 +6,7 @@ from pathlib import Path
 from itree_jax.detections import Detections
 from itree_jax.report.edge_figure import edge_figure
 from itree_jax.report.markup import count_of, number, text, tiles, write_page
+from itree_jax.report.residual_maps import residual_maps
 from itree_jax.report.scene_figures import (
     depth_figure,
     lit_figures,
@@ -67,7 +68,8 @@ def scene_body(view: SceneView) -> str:
 <section><h2>Poses</h2>
 <div class="hero">{overlay_figure(view)}{residual_figure(view)}</div>
 {pose_table(view)}
-{pose_table_notes(view) if view.poses else ""}</section>
+{pose_table_notes(view) if view.poses else ""}
+<div class="grid">{residual_maps(view)}</div></section>
 <section><h2>What was measured</h2>
 <div class="grid">{measured_figures(view)}</div>
 {lit_images(view)}</section>

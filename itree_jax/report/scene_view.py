@@ -58,7 +58,8 @@ class SceneView:
 
     @property
     def region_count(self) -> int:
-        return len(self.region_pose)
+        """Regions that are in the picture: a second reading may have taken all pixels of one of the first's."""
+        return len(np.unique(self.labels[self.labels >= 0]))
 
 
 def scene_view(
