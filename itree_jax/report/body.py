@@ -37,9 +37,12 @@ class Body:
         return corners @ self.T_cam_body[:3, :3].T + self.T_cam_body[:3, 3]
 
 
+NEARER = 1.3  # than where the ball around all bodies fills the view: bins are flat, and corners of the ball empty
+
+
 @dataclass(frozen=True)
 class Stage:
-    """Where bodies are looked at from, camera frame."""
+    """Where bodies are looked at from, camera frame: so far away that the ball fills the view, and `NEARER`."""
 
     centre: Float[np.ndarray, "3"]  # [mm]
     radius: float  # [mm] of a ball around all that is to be seen

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from itree_jax.report.body import Body, Stage
+from itree_jax.report.body import NEARER, Body, Stage
 from itree_jax.report.mesh_packing import DrawnSolid
 from itree_jax.report.palette import WHITE, Rgb
 from itree_jax.report.scene_pictures import NOTHING, SUBPIXEL_BITS, Picture, badge
@@ -17,7 +17,7 @@ SIZE = (640, 420)  # [px] width and height
 def body_picture(bodies: list[Body], solids: list[DrawnSolid], stage: Stage) -> Picture:
     """The bodies as the page's 3-D view first shows them; `solids` are theirs, one each."""
     picture = np.full((SIZE[1], SIZE[0], 3), NOTHING, np.uint8)
-    eye = stage.centre + stage.radius / np.sin(FIELD / 2) * stage.toward
+    eye = stage.centre + stage.radius / np.sin(FIELD / 2) / NEARER * stage.toward
     placed = [s.vertices @ b.T_cam_body[:3, :3].T + b.T_cam_body[:3, 3] for b, s in zip(bodies, solids, strict=True)]
     faces: list[tuple[float, np.ndarray, Rgb]] = []
     for body, solid, X_cam in zip(bodies, solids, placed, strict=True):
@@ -32,7 +32,7 @@ def body_picture(bodies: list[Body], solids: list[DrawnSolid], stage: Stage) -> 
             cv2.polylines(picture, lines, False, colour, 1, cv2.LINE_AA, SUBPIXEL_BITS)
     for body, X_cam in zip(bodies, placed, strict=True):
         if body.label:
-            badge(picture, projected(X_cam.mean(axis=0), eye, stage), body.label, body.colour, 0.45)
+            badge(picture, projected((X_cam.min(axis=0) + X_cam.max(axis=0)) / 2, eye, stage), body.label, body.colour, 0.45)
     return picture
 
 

@@ -48,10 +48,10 @@ def scene_residuals(view: SceneView) -> tuple[Float[np.ndarray, "h w"], Float[np
 
 def needle_residual_figure(view: SceneView, angle: Float[np.ndarray, "h w"]) -> str:
     end = scale_end(angle)
-    picture = on_image(view, viridis(1.0 - np.nan_to_num(angle) / end), np.isfinite(angle))
+    picture = on_image(view, viridis(np.nan_to_num(angle) / end), np.isfinite(angle))
     median = np.nanmedian(angle) if np.isfinite(angle).any() else None
     caption = f"Angle between the measured needle and the pose's surface; median {number(median, 2)}°."
-    legend = scale_bar(colour_bar(), [f"{number(f * end)}°" for f in (0.0, 0.5)] + [f"{number(end)}° and more"])
+    legend = scale_bar(colour_bar()[::-1], [f"{number(f * end)}°" for f in (0.0, 0.5)] + [f"{number(end)}° and more"])
     return figure(image(picture, f"needle residuals up to {end} degrees"), "Needle residuals", caption, legend)
 
 

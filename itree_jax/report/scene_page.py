@@ -21,6 +21,8 @@ from itree_jax.report.scene_tables import lost_table, pose_details, pose_table, 
 from itree_jax.report.scene_view import SceneView, scene_view
 from itree_jax.report.svg_tree import TREE_KEY
 from itree_jax.report.truth_view import TruePose
+from itree_jax.report.world_bodies import world_bodies
+from itree_jax.report.world_figure import world_figure, world_script
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
 
@@ -70,13 +72,25 @@ def scene_body(view: SceneView) -> str:
 {pose_table(view)}
 {pose_table_notes(view) if view.poses else ""}
 <div class="grid">{residual_maps(view)}</div></section>
+<section><h2>World model</h2>
+{world_model_figure(view)}</section>
 <section><h2>What was measured</h2>
 <div class="grid">{measured_figures(view)}</div>
 {lit_images(view)}</section>
 {decisions(view)}
 <section><h2>Regions without a pose of their own</h2>
 {lost_table(view)}</section>
-<footer>{setup(view)}</footer>"""
+<footer>{setup(view)}</footer>
+{world_script()}"""
+
+
+def world_model_figure(view: SceneView) -> str:
+    bodies, stage = world_bodies(view.world)
+    caption = (
+        "Recognised parts as CAD solids, in the colours of the overlay; grey prisms stand for surface that is seen but "
+        "not interpreted, from its height down to the floor."
+    )
+    return world_figure(bodies, stage, "World model, to be turned", caption)
 
 
 def measured_figures(view: SceneView) -> str:

@@ -60,9 +60,12 @@ def not_measured(d: Detection) -> str:
 
 def truth_cell(view: SceneView, k: int) -> str:
     assert view.comparison is not None
-    right = view.comparison.found[k] >= 0
-    mark = '<span class="chip taken">✓ right</span>' if right else '<span class="chip warn">✗ wrong</span>'
-    return f"{number(float(view.comparison.error[k]), 1)} {mark}"
+    mark = '<span class="chip warn">✗ wrong</span>'
+    if view.comparison.found[k] >= 0:
+        mark = '<span class="chip taken">✓ right</span>'
+    elif view.comparison.other_right[k]:
+        mark = '<span class="chip">≈ its other pose is right</span>'
+    return f"{number(float(view.comparison.error[k]), 1)}<br>{mark}"
 
 
 def pose_table_notes(view: SceneView) -> str:

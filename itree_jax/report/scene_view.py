@@ -18,6 +18,7 @@ from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
+from itree_jax.world import World, load_bin, world_model
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class SceneView:
     trees: dict[int, InterpretationTree]
     truth: tuple[TruePose, ...]
     comparison: Comparison | None  # of `poses` with the truth, if it is known
+    world: World
 
     @property
     def missed(self) -> tuple[TruePose, ...]:
@@ -68,7 +70,7 @@ def scene_view(
     trees: Sequence[InterpretationTree],
     truth: Sequence[TruePose] | None = None,
 ) -> SceneView:
-    """Raises ItreeError when an answer is of a part that no tree is given for."""
+    """Raises ItreeError when an answer is of a part that no tree is given for, or the scene's bin file is wrong."""
     by_id = {tree.obj_id: tree for tree in trees}
     unknown = sorted({d.obj_id for d in detections} - set(by_id))
     if unknown:
@@ -93,6 +95,7 @@ def scene_view(
         region_pose=explained_regions(labels, residuals, int(labels.max(initial=-1)) + 1)[0],
         meshes=meshes, trees=by_id, truth=tuple(truth or ()),
         comparison=None if truth is None else compare(offered, truth, by_id),
+        world=world_model(detections, trees, scene.sensor, scene.depth, scene.R_w2c, load_bin(scene)),
     )  # fmt: skip
 
 

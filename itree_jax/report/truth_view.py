@@ -1,7 +1,7 @@
 """Poses beside the truth, where it is known: how far each lies from the nearest true pose of its part."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from itree_cad.symmetry import Symmetries
@@ -14,7 +14,7 @@ from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.symmetry import SymmetrySet, symmetry_set
 from itree_jax.tree.tree import InterpretationTree
 
-RIGHT = 0.10  # of the diameter: a pose nearer than this (MSSD) to a true one is right
+RIGHT = 0.05  # of the diameter: a pose nearer than this (MSSD) to a true one is right, as `itree evaluate` counts
 
 TruePose = tuple[int, Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]  # obj_id, R, t [mm], model -> camera
 
@@ -24,7 +24,13 @@ class Comparison:
     """MSSD [mm] of each detection to the nearest true pose (inf without one), and the true pose that it found."""
 
     error: Float[np.ndarray, "detections"]
-    found: tuple[int, ...]  # index of the true pose within 10 % of the diameter, one to one by score; -1 none
+    found: tuple[int, ...]  # index of the true pose within 5 % of the diameter, one to one by score; -1 none
+    other_right: tuple[bool, ...]  # the answer is ambiguous and none of these, but one of its alternatives is right
+
+    @property
+    def wrong(self) -> int:
+        """Answers that are neither right nor ambiguous with a right alternative."""
+        return sum(k < 0 and not other for k, other in zip(self.found, self.other_right, strict=True))
 
 
 def compare(
@@ -40,7 +46,23 @@ def compare(
     diameter = np.array([trees[d.obj_id].part.diameter for d in detections], float)
     score = np.array([d.score for d in detections], float)
     found = match(errors / diameter[:, None], score, RIGHT)
-    return Comparison(errors.min(axis=1, initial=np.inf), tuple(int(k) for k in found))
+    other = [k < 0 and alternative_right(d, truth, trees) for k, d in zip(found, detections, strict=True)]
+    return Comparison(errors.min(axis=1, initial=np.inf), tuple(int(k) for k in found), tuple(other))
+
+
+def alternative_right(
+    detection: Detection, truth: Sequence[TruePose], trees: Mapping[int, InterpretationTree]
+) -> bool:
+    """Whether an answer that the scene doesn't tell from others has a right one among these."""
+    true = [pose for pose in truth if pose[0] == detection.obj_id]
+    if not detection.ambiguous or not true:
+        return False
+    tree = trees[detection.obj_id]
+    others = [
+        replace(detection, R_cam_obj=a.T_cam_obj[:3, :3], t_cam_obj=a.T_cam_obj[:3, 3])
+        for a in detection.alternatives
+    ]  # fmt: skip
+    return bool(distances(others, true, tree).min() < RIGHT * tree.part.diameter)
 
 
 def distances(

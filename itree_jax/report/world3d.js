@@ -60,7 +60,7 @@
     const uniform = Object.fromEntries(['view', 'model', 'colour', 'eye', 'shade'].map(name => [name, at(name)]));
     const up = unit(data.up), first = unit(data.toward), hidden = new Set();
     const aside = unit(cross(up, first)), front = cross(aside, up);  // azimuth 0 looks against `front`
-    const home = {turn: 0, tilt: Math.asin(dot(first, up)), zoom: 1}, pose = {...home};
+    const home = {turn: 0, tilt: Math.asin(dot(first, up)), zoom: data.zoom}, pose = {...home};
     const distance = data.radius / Math.sin(FIELD / 2);
     let picked = -1, waiting = false;
     const labels = data.bodies.map(body => {
@@ -165,7 +165,7 @@
     canvas.addEventListener('wheel', e => { if (e.ctrlKey || e.metaKey) { e.preventDefault(); zoom(Math.exp(-0.002 * e.deltaY)); } }, {passive: false});
     const keys = {ArrowLeft: () => turn(-PER_KEY, 0), ArrowRight: () => turn(PER_KEY, 0), ArrowUp: () => turn(0, -PER_KEY), ArrowDown: () => turn(0, PER_KEY), '+': () => zoom(STEP), '-': () => zoom(1 / STEP)};
     canvas.addEventListener('keydown', e => { if (keys[e.key]) { e.preventDefault(); keys[e.key](); } });
-    const buttons = {nearer: () => zoom(STEP), farther: () => zoom(1 / STEP), home: () => { Object.assign(pose, home); redraw(); }, above: () => { Object.assign(pose, {turn: 0, tilt: TILT, zoom: 1}); redraw(); }};
+    const buttons = {nearer: () => zoom(STEP), farther: () => zoom(1 / STEP), home: () => { Object.assign(pose, home); redraw(); }, above: () => { Object.assign(pose, {...home, tilt: TILT}); redraw(); }};
     for (const button of root.querySelectorAll('button')) button.addEventListener('click', buttons[button.name]);
     for (const box of root.querySelectorAll('input')) box.addEventListener('change', () => { box.checked ? hidden.delete(box.name) : hidden.add(box.name); redraw(); });
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', redraw);

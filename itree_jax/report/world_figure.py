@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from itree_jax.report.body import KIND_NAMES, Body, Stage
+from itree_jax.report.body import KIND_NAMES, NEARER, Body, Stage
 from itree_jax.report.body_picture import body_picture
 from itree_jax.report.markup import figure, image, swatches, text
-from itree_jax.report.mesh_packing import DrawnSolid, drawn_solid, packed
+from itree_jax.report.mesh_packing import drawn_solid, packed
 from itree_jax.report.palette import css, ink_on
 
 SCRIPT = Path(__file__).with_name("world3d.js")
@@ -39,8 +39,8 @@ def world_figure(bodies: list[Body], stage: Stage, title: str, caption: str) -> 
     still = body_picture(bodies, [solids[index[id(b.mesh)]] for b in bodies], stage)
     data = json.dumps(
         {"up": rounded(stage.up), "toward": rounded(stage.toward), "centre": rounded(stage.centre),
-         "radius": round(stage.radius, 3), "meshes": [packed(s) for s in solids],
-         "bodies": [body_data(b, index[id(b.mesh)], solids[index[id(b.mesh)]]) for b in bodies]},
+         "radius": round(stage.radius, 3), "zoom": NEARER, "meshes": [packed(s) for s in solids],
+         "bodies": [body_data(b, index[id(b.mesh)]) for b in bodies]},
         separators=(",", ":"), allow_nan=False,
     ).replace("<", "\\u003c")  # fmt: skip
     buttons = "".join(f'<button type="button" name="{name}">{text(words)}</button>' for name, words in BUTTONS)
@@ -73,10 +73,10 @@ def part_legend(bodies: list[Body]) -> str:
     return swatches(parts + prisms[:1])
 
 
-def body_data(body: Body, mesh: int, solid: DrawnSolid) -> dict[str, Any]:
+def body_data(body: Body, mesh: int) -> dict[str, Any]:
     """One body as `world3d.js` reads it; its matrix column by column, as graphics wants it."""
     colour = np.array(body.colour) / 255.0
-    middle = solid.vertices.mean(axis=0) @ body.T_cam_body[:3, :3].T + body.T_cam_body[:3, 3]
+    middle = body.corners_cam.mean(axis=0)
     return {
         "kind": body.kind, "name": body.name, "note": body.note, "label": body.label, "link": body.link, "mesh": mesh,
         "T": rounded(body.T_cam_body.T.ravel(), 6), "centre": rounded(middle), "colour": rounded(colour),
