@@ -288,9 +288,10 @@ def _report_folder(path: Path | None):
 
 
 def _write_page(pages: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> "IndexEntry":
-    from itree_jax.report import report_scene
+    from itree_jax.report import report_scene, true_poses
 
-    return report_scene(pages / f"scene_{found.scene_id:06d}.html", scene, found, [p.tree for p in fitting])
+    page, trees = pages / f"scene_{found.scene_id:06d}.html", [p.tree for p in fitting]
+    return report_scene(page, scene, found, trees, true_poses(scene))
 
 
 def _write_index(pages: Path, entries: "Sequence[IndexEntry]") -> None:

@@ -66,7 +66,7 @@ def overlay_picture(view: SceneView, width: int) -> Picture:
         pose = render_pose(view.meshes[d.obj_id], d.R_cam_obj, d.t_cam_obj, camera, scale)
         if pose is not None:
             drawn.append(Outlined(pose, str(d.offer_rank), p.colour, SLACK * p.allowed.depth))
-    truth = [render_pose(view.meshes[k], R, t, camera, scale) for k, R, t in view.missed if k in view.meshes]
+    truth = [render_pose(view.meshes[k], R, t, camera, scale) for k, R, t, _ in view.missed if k in view.meshes]
     return overlay(scaled(view.background, scale), drawn, in_front(view), [pose for pose in truth if pose is not None])
 
 

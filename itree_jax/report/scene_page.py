@@ -39,14 +39,14 @@ def write_scene_report(
     scene: Scene,
     detections: Detections,
     trees: Sequence[InterpretationTree],
-    truth: Sequence[TruePose] | None = None,
+    truth: Sequence[TruePose | tuple] | None = None,
 ) -> None:
     """Writes one self-contained HTML page about one scene.
 
     Args:
         path: of the page; its folder is made if it is missing.
         trees: those that recognised the scene, one of every part detected.
-        truth: (obj_id, R, t [mm]) of the instances, model -> camera, when they are known.
+        truth: (obj_id, R, t [mm]) of the instances, model -> camera, when they are known; their visible share may follow.
 
     Raises ItreeError when an answer is of a part that no tree is given for, or the page cannot be written.
     """

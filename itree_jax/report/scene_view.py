@@ -68,9 +68,10 @@ def scene_view(
     scene: Scene,
     detections: Detections,
     trees: Sequence[InterpretationTree],
-    truth: Sequence[TruePose] | None = None,
+    truth: Sequence[TruePose | tuple] | None = None,
 ) -> SceneView:
     """Raises ItreeError when an answer is of a part that no tree is given for, or the scene's bin file is wrong."""
+    truth = None if truth is None else [TruePose(*pose) for pose in truth]
     by_id = {tree.obj_id: tree for tree in trees}
     unknown = sorted({d.obj_id for d in detections} - set(by_id))
     if unknown:
@@ -79,7 +80,7 @@ def scene_view(
             "every part recognised"
         )
     needle = read_needles(scene.images, scene.sensor, scene.depth)
-    used = {d.obj_id for d in detections} | {obj_id for obj_id, _, _ in truth or () if obj_id in by_id}
+    used = {d.obj_id for d in detections} | {pose.obj_id for pose in truth or () if pose.obj_id in by_id}
     meshes = {k: part_mesh(by_id[k]) for k in sorted(used)}
     offered = detections.by_offer
     images = scene.images if len(scene.images) else head_light(needle)[None]

@@ -74,7 +74,7 @@
       const across = sum([Math.cos(pose.turn), front], [Math.sin(pose.turn), aside]);
       const back = sum([Math.cos(pose.tilt), across], [Math.sin(pose.tilt), up]), right = unit(cross(up, back)), top = cross(back, right);
       const far = distance / pose.zoom, eye = sum([1, data.centre], [far, back]);
-      const wide = Math.max(width / height, 1e-3), f = Math.min(1, wide) / Math.tan(FIELD / 2);  // all of it fits a narrow canvas too
+      const wide = Math.max(width / height, 1e-3), f = Math.min(1, wide / data.zoom) / Math.tan(FIELD / 2);  // all of it fits a narrow canvas too
       const near = Math.max(far - 2.5 * data.radius, far / 50), end = far + 2.5 * data.radius, rows = [right, top, back];
       const W = Float32Array.from({length: 16}, (_, k) => k < 12 ? (k % 4 < 3 ? rows[k % 4][k >> 2] : 0) : k < 15 ? -dot(rows[k - 12], eye) : 1);
       const P = new Float32Array([f / wide, 0, 0, 0, 0, f, 0, 0, 0, 0, (end + near) / (near - end), -1, 0, 0, 2 * end * near / (near - end), 0]);
