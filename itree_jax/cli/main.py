@@ -8,6 +8,7 @@ import tyro
 from itree_kernels.errors import ItreeError
 
 from itree_jax.cli.calibrate_lights import CalibrateLights
+from itree_jax.cli.clear_bin import ClearBin
 from itree_jax.cli.compile import Compile
 from itree_jax.cli.demo import Demo
 from itree_jax.cli.evaluate import Evaluate
@@ -25,6 +26,7 @@ VERBS = {
     "recognize": Recognize,
     "scene": MakeScene,
     "simulate": Simulate,
+    "clear-bin": ClearBin,
     "evaluate": Evaluate,
     "needle": Needle,
     "calibrate-lights": CalibrateLights,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from itree_kernels.errors import ItreeError
 
+from itree_jax.cli.grasps import check_grasp_options, grasp_planner
 from itree_jax.cli.outputs import check_file, check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
 from itree_jax.cli.terminal import output, progress, say
@@ -50,6 +51,12 @@ class Recognize:
     self_calibrate: bool = False
     """Correct the lights by the parts found and recognise again with them; writes results.lights.json beside the
     csv."""
+    gripper: Annotated[str | None, tyro.conf.arg(metavar="GRIPPER")] = None
+    """TOML file of a gripper, or bundled:jaw, bundled:cup; with --grasps."""
+    grasps: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Write the grasps that collide with nothing, and the reasons where there is none, as JSON."""
+    hand_eye: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Camera -> robot as JSON, {"R": [9], "t": [3, mm]}: grasps are given in the robot's frame too."""
     quiet: bool = False
     """Show nothing but errors."""
 
@@ -64,16 +71,20 @@ class Recognize:
             from itree_jax.sensing.scene_folder import scene_folders
             from itree_jax.tree.tree_file import load_tree
 
+            planner = None if self.gripper is None else grasp_planner(self.gripper, self.hand_eye)
             prepared = [prepare(load_tree(path)) for path in self.trees]
             check_objects(prepared)
             folders = scene_folders(self.scenes)
             check_numbered(folders)
+            planned = []
             answers, entries, forests, lights = [], [], {}, {} if self.self_calibrate else None
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
                 scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting))
+                if planner is not None:
+                    planned.append((replace(found, labels=None), planner.plan(scene, found, fitting)))
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
             tell("writing", 1.0)
             if pages is not None:
@@ -81,6 +92,10 @@ class Recognize:
             write_bop_csv(answers, self.output)
             if self.json is not None:
                 write_json(answers, self.json)
+            if self.grasps is not None:
+                from itree_jax.grasp import write_grasps
+
+                write_grasps(planned, self.grasps)
             if lights is not None:
                 from itree_jax.refinement.light_corrections import lights_document
 
@@ -99,6 +114,8 @@ class Recognize:
         check_file(self.output)
         check_file(self.json)
         check_file(self.lights_file if self.self_calibrate else None)
+        check_file(self.grasps)
+        check_grasp_options(self.gripper, self.hand_eye, self.grasps)
         check_folder(self.report)
 
 

@@ -12,6 +12,7 @@ from itree_kernels.mesh import RayMesh, ray_mesh
 from jaxtyping import Bool, Float
 
 from itree_jax.sensor import Sensor
+from itree_jax.world.bin_walls import BinWalls
 
 FIELD_FRACTION = 0.6  # of the field of view: parts against a wall stay in the image, also when they stand up
 WALL_HEIGHT = 0.5  # of the part's diameter: keeps a falling part in, and shades the floor no farther than that
@@ -56,6 +57,11 @@ def camera_above(sensor: Sensor) -> Float[np.ndarray, "4 4"]:
     centre = np.array([(sensor.camera.width - 1) / 2, (sensor.camera.height - 1) / 2])
     T_cam_bin[:3, 3] = sensor.camera.unproject(centre, np.array(sensor.working_distance))
     return T_cam_bin
+
+
+def walls_of(bin_: Bin, sensor: Sensor) -> BinWalls:
+    """The bin as an obstacle, in the frame of the camera above it."""
+    return BinWalls(bin_.inner_size, bin_.wall_height, bin_.wall_thickness, camera_above(sensor))
 
 
 def bin_ray_mesh(bin_: Bin, device: str | None = None) -> RayMesh:

@@ -14,9 +14,10 @@ from jaxtyping import Float
 
 from itree_jax.sensing.scene_writer import write_scene
 from itree_jax.sensor import Sensor
-from itree_jax.simulate.bin import Bin, bin_for
+from itree_jax.simulate.bin import Bin, bin_for, walls_of
 from itree_jax.simulate.imaging import LOOKS, ImageNoise, Look, image_bin
 from itree_jax.simulate.settle import settle
+from itree_jax.world.bin_walls import write_bin
 
 LEVEL = "S"  # of scenes.json: simulated here, by the renderer that also makes the trees' appearances
 ATTEMPTS = 5  # to find a drop that leaves a part in the bin
@@ -68,6 +69,7 @@ def simulate(
                 aside=second_camera, im_id=1,
             )
         write_scene(out / "test" / f"{scene_id:06d}", scene, truth, right=right)
+        write_bin(walls_of(bin_, sensor), out / "test" / f"{scene_id:06d}")
         records[f"{scene_id:06d}"] = {
             "obj_id": obj_id, "part": part.name, "level": LEVEL, "kind": "isolated" if parts_per_scene == 1 else "bin",
             "lights": sensor.light_count, "material": look.name, "instances": len(truth),

@@ -43,22 +43,44 @@ def settle_mixed(
     parts: Sequence[Part], bin_: Bin, seed: int
 ) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
     """`settle` for different parts, dropped in their order; also which of them lie in the bin."""
-    mujoco = _engine()
+    mujoco = engine()
     count = len(parts)
     if count < 1:
         raise ItreeError(f"{count} parts cannot be dropped; at least one is needed.")
     rng = np.random.default_rng(seed)
-    model = _model(mujoco, parts, bin_)
+    model = bin_spec(mujoco, parts, bin_).compile()
     data = mujoco.MjData(model)
     fall = _release(data, parts, bin_, rng)
     _run(mujoco, model, data, fall)
     poses = _poses(data, count)
-    middle = np.array([part.vertices.mean(axis=0) for part in parts])
-    kept = np.flatnonzero(bin_.contains(np.einsum("kij,kj->ki", poses[:, :3, :3], middle) + poses[:, :3, 3]))
+    kept = _inside(parts, poses, bin_)
     return poses[kept], kept
 
 
-def _engine() -> ModuleType:
+def settle_from(
+    parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin
+) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
+    """What lies where once parts at these poses are left to themselves: after one was taken from under others."""
+    mujoco = engine()
+    model = bin_spec(mujoco, parts, bin_).compile()
+    data = mujoco.MjData(model)
+    qpos = data.qpos.reshape(len(parts), 7)
+    qpos[:, :3] = T_bin_obj[:, :3, 3] * METRE
+    qpos[:, 3:] = np.roll(Rotation.from_matrix(T_bin_obj[:, :3, :3]).as_quat(), 1, axis=1)
+    data.qpos[:] = qpos.ravel()
+    _run(mujoco, model, data, 0.0)
+    poses = _poses(data, len(parts))
+    kept = _inside(parts, poses, bin_)
+    return poses[kept], kept
+
+
+def _inside(parts: Sequence[Part], poses: Float[np.ndarray, "parts 4 4"], bin_: Bin) -> Int[np.ndarray, "kept"]:
+    middle = np.array([part.vertices.mean(axis=0) for part in parts])
+    return np.flatnonzero(bin_.contains(np.einsum("kij,kj->ki", poses[:, :3, :3], middle) + poses[:, :3, 3]))
+
+
+def engine() -> ModuleType:
+    """MuJoCo. Raises ItreeError when it is not installed."""
     try:
         import mujoco
     except ImportError as error:
@@ -68,7 +90,8 @@ def _engine() -> ModuleType:
     return mujoco
 
 
-def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
+def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
+    """The bin and the parts, body "part0", "part1", ..., each free to move, for the engine to compile [m]."""
     spec = mujoco.MjSpec()
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -92,7 +115,7 @@ def _model(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
         body.add_freejoint()
         for i in range(len(pieces[kind])):
             _surface(body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"piece{kind}.{i}"))
-    return spec.compile()
+    return spec
 
 
 def _surface(geom: Any) -> None:

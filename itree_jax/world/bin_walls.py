@@ -84,7 +84,9 @@ def bin_in_world(entry: dict, R_w2c: Float[np.ndarray, "3 3"], t_w2c: Float[np.n
     return BinWalls((float(x), float(y)), entry["wall_height"], entry["wall_thickness"], T_cam_world @ T_world_bin)
 
 
-def write_bin(bin_: BinWalls, folder: Path, im_id: int, T_world_bin: Float[np.ndarray, "4 4"] | None = None) -> None:
+def write_bin(
+    bin_: BinWalls, folder: Path, im_id: int = 0, T_world_bin: Float[np.ndarray, "4 4"] | None = None
+) -> None:
     """Adds `scene_bin.json` to a scene folder; `T_world_bin` None: the world is the bin's frame."""
     entry = {"inner_size": list(bin_.inner_size), "wall_height": bin_.wall_height,
              "wall_thickness": bin_.wall_thickness}  # fmt: skip

@@ -29,7 +29,7 @@ NO_NEEDLES = "no region: seen by depth alone, too steep, shadowed or small for n
 class PlacedPart:
     """A recognised part as a solid in the world."""
 
-    index: int  # in `Detections`
+    index: int  # in `Detections.by_offer`: part 0 is the one to be picked first
     detection: Detection
     part: Part
 
@@ -92,7 +92,7 @@ def world_model(
     """
     R_cam_up = np.diag([1.0, -1.0, -1.0]) if R_w2c is None else np.asarray(R_w2c, float)
     of_object = {tree.obj_id: tree.part for tree in trees}
-    parts = tuple(PlacedPart(k, d, of_object[d.obj_id]) for k, d in enumerate(detections))
+    parts = tuple(PlacedPart(k, d, of_object[d.obj_id]) for k, d in enumerate(detections.by_offer))
     floor = _floor(parts, depth, sensor, R_cam_up, bin_)
     labels = detections.labels
     prisms: list[Prism] = []

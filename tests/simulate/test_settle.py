@@ -13,7 +13,7 @@ from itree_kernels.errors import ItreeError
 from scipy.spatial import ConvexHull
 
 from itree_jax.simulate import Bin, bundled_poses, settle
-from itree_jax.simulate.settle import _engine
+from itree_jax.simulate.settle import engine
 
 BIN = Bin((120.0, 100.0), 20.0)
 
@@ -96,7 +96,7 @@ def test_the_bundled_poses_are_at_rest_in_their_bin():
 def test_a_missing_engine_is_named_with_the_command_that_installs_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ItreeError, match=r'pip install "itree-jax\[sim\]"'):
-        _engine()
+        engine()
 
 
 def test_importing_the_simulation_does_not_import_the_engine():
