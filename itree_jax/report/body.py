@@ -10,7 +10,7 @@ from jaxtyping import Float
 from itree_jax.report.palette import Rgb
 
 Kind = Literal["part", "prism", "bin", "grasp", "camera"]
-KIND_NAMES: dict[Kind, str] = {
+KIND_NAMES: dict[str, str] = {
     "part": "recognised parts", "prism": "unexplained regions (prisms)", "bin": "bin and floor", "grasp": "grasps",
     "camera": "axes of the camera",
 }  # fmt: skip

@@ -30,9 +30,10 @@ def body_picture(bodies: list[Body], solids: list[DrawnSolid], stage: Stage) -> 
             colour = WHITE if body.kind == "camera" else body.colour
             lines = list(fixed(projected(X_cam[solid.edges], eye, stage)))
             cv2.polylines(picture, lines, False, colour, 1, cv2.LINE_AA, SUBPIXEL_BITS)
-    for body, X_cam in zip(bodies, placed, strict=True):
+    for body in bodies:
         if body.label:
-            badge(picture, projected((X_cam.min(axis=0) + X_cam.max(axis=0)) / 2, eye, stage), body.label, body.colour, 0.45)
+            middle = projected(body.corners_cam.mean(axis=0), eye, stage)
+            badge(picture, middle, body.label, body.colour, 0.45)
     return picture
 
 

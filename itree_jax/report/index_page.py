@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from itree_jax.detections import Detections
+from itree_jax.grasp import Grasps
 from itree_jax.report.markup import count_of, image, number, text, tiles, write_page
 from itree_jax.report.scene_figures import overlay_picture
 from itree_jax.report.scene_page import scene_title, write_scene_view
 from itree_jax.report.scene_pictures import Picture
 from itree_jax.report.scene_view import SceneView, scene_view
-from itree_jax.report.truth_view import WORTH_FINDING, TruePose
+from itree_jax.report.truth_view import WORTH_FINDING, TruePoses
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
 
@@ -68,10 +69,11 @@ def report_scene(
     scene: Scene,
     detections: Detections,
     trees: Sequence[InterpretationTree],
-    truth: Sequence[TruePose | tuple] | None = None,
+    truth: TruePoses | None = None,
+    grasps: Grasps | None = None,
 ) -> IndexEntry:
     """`write_scene_report`, and the scene's entry for the index."""
-    view = scene_view(scene, detections, trees, truth)
+    view = scene_view(scene, detections, trees, truth, grasps)
     write_scene_view(path, view)
     return index_entry(path, view)
 
@@ -112,11 +114,11 @@ def index_body(directory: Path, ordered: Sequence[IndexEntry]) -> str:
         wrong = sum((e.wrong or 0) + (e.missed or 0) for e in known)
         figures.insert(3, (str(wrong), "poses wrong or missed"))
     cards = "\n".join(card(directory, e, k) for k, e in enumerate(ordered))
-    first = "First scenes without a pose, then those with wrong or missed ones where the truth is known, then by rising "
+    order = "First scenes without a pose, then those with wrong or missed ones (if the truth is known), then low scores"
     return f"""<header><p class="eyebrow">itree-jax · reports</p><h1>{count_of(len(ordered), "scene")}</h1>
 {tiles(figures)}</header>
 <section><h2>Scenes, failures first</h2>
-<p class="muted">{first}best score.</p>
+<p class="muted">{order}.</p>
 {controls(len(ordered))}
 <div class="cards">{cards}</div></section>
 <script>

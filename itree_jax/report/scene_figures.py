@@ -123,7 +123,8 @@ def needle_line_figure(view: SceneView) -> str:
 def slant_legend() -> str:
     """Needles of a few slants, beside each other."""
     shown = "".join(
-        f'<li><svg width="34" height="8" viewBox="0 0 34 8" aria-hidden="true"><path d="M3 4h{28 * np.sin(slant):.1f}"/>'
+        '<li><svg width="34" height="8" viewBox="0 0 34 8" aria-hidden="true">'
+        f'<path d="M3 4h{28 * np.sin(slant):.1f}"/>'
         f'<circle cx="3" cy="4" r="2"/></svg>{number(np.degrees(slant), 0)}°</li>'
         for slant in np.radians(SLANTS)
     )

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from itree_cad.symmetry import Symmetries
@@ -90,6 +90,13 @@ def distances(
     return mssd(Pose(R[:, None], t[:, None]), Pose(R_true[None], t_true[None]), points, finite_set(tree.symmetries))
 
 
+TruePoses = Sequence[TruePose | tuple[Any, ...]]  # a plain tuple of its fields will do
+
+
+def as_true_pose(pose: TruePose | tuple[Any, ...]) -> TruePose:
+    return pose if isinstance(pose, TruePose) else TruePose(pose[0], pose[1], pose[2], *pose[3:])
+
+
 def true_poses(scene: Scene) -> list[TruePose] | None:
     """What `scene_gt.json` in a scene's folder tells of its image, in the BOP layout; None when it tells nothing.
 
@@ -104,7 +111,7 @@ def true_poses(scene: Scene) -> list[TruePose] | None:
         told = json.loads(info.read_text(encoding="utf-8")).get(str(scene.im_id), []) if info.is_file() else []
         visible = [float(one.get("visib_fract", 1.0)) for one in told] or [1.0] * len(entries)
         return [
-            TruePose(int(e["obj_id"]), np.array(e["cam_R_m2c"], float).reshape(3, 3), np.array(e["cam_t_m2c"], float), v)
+            TruePose(int(e["obj_id"]), np.reshape(e["cam_R_m2c"], (3, 3)), np.reshape(e["cam_t_m2c"], 3), v)
             for e, v in zip(entries, visible, strict=True)
         ]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

@@ -22,8 +22,8 @@ LEAST_TRIANGLES = 400  # of a solid, however many there are
 EDGE_SHADE = 0.35  # of a body's colour: its edges
 BUTTONS = (("home", "Start"), ("above", "From above"), ("nearer", "+"), ("farther", "\N{MINUS SIGN}"))
 HOW = (
-    "Drag to turn it (on a phone sideways, or with two fingers), arrow keys too; pinch, + and \N{MINUS SIGN}, or Ctrl and "
-    "the wheel to zoom. Point at a thing, or tap it, to read what it is."
+    "Drag to turn it (on a phone sideways, or with two fingers), arrow keys too; pinch, + and \N{MINUS SIGN}, or Ctrl "
+    "and the wheel to zoom. Point at a thing, or tap it, to read what it is."
 )
 
 
@@ -70,7 +70,7 @@ def part_legend(bodies: list[Body]) -> str:
     """Colours of the parts, and of what is no part."""
     parts = [(css(b.colour), b.name) for b in bodies if b.kind == "part"]
     prisms = [(css(b.colour), KIND_NAMES["prism"]) for b in bodies if b.kind == "prism"]
-    return swatches(parts + prisms[:1])
+    return swatches([*parts, *prisms[:1]])
 
 
 def body_data(body: Body, mesh: int) -> dict[str, Any]:
