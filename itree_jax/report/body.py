@@ -29,6 +29,7 @@ class Body:
     opacity: float = 1.0  # 0: edges alone
     label: str = ""  # drawn at its middle
     link: str = ""  # into the page
+    score: float | None = None  # of a recognised part
 
     @property
     def corners_cam(self) -> Float[np.ndarray, "8 3"]:

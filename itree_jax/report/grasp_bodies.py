@@ -1,9 +1,9 @@
-"""The gripper at the best grasp of each part, as outlines: what it holds stays to be seen."""
+"""The gripper at the best grasp, as outlines: what it holds stays to be seen."""
 
 import numpy as np
 import trimesh
 
-from itree_jax.grasp import Grasp, Grasps
+from itree_jax.grasp import Grasps
 from itree_jax.grasp.body import pieces
 from itree_jax.report.body import Body
 from itree_jax.report.markup import number
@@ -11,17 +11,16 @@ from itree_jax.report.palette import BLACK
 
 
 def grasp_bodies(grasps: Grasps) -> list[Body]:
-    """The pieces of the gripper at the best grasp of every part that has one; the very best is named."""
-    best: dict[int, Grasp] = {}
-    for grasp in grasps.grasps:
-        best.setdefault(grasp.detection, grasp)
-    bodies = []
-    for rank, (part, grasp) in enumerate(best.items()):
-        note = f"score {number(grasp.score, 2)} · {number(grasp.clearance)} mm free · {grasp.reason}"
-        for piece in pieces(grasps.gripper, grasp.width):
-            if piece.arrives:  # the others are the space that closing takes
-                mesh = trimesh.convex.convex_hull(piece.X_grip)
-                label = "best grasp" if rank == 0 and piece.name == "palm" else ""
-                name = f"grasp of pose {part}, {piece.name}"
-                bodies.append(Body("grasp", name, note, mesh, np.asarray(grasp.T_cam_grasp), BLACK, 0.0, label))
-    return bodies
+    """The pieces of the gripper as it arrives at the best grasp; those of all parts would hide the scene."""
+    best = grasps.best
+    if best is None:
+        return []
+    note = f"score {number(best.score, 2)} · {number(best.clearance)} mm free · {best.reason}"
+    return [
+        Body(
+            "grasp", f"grasp of pose {best.detection}, {piece.name}", note, trimesh.convex.convex_hull(piece.X_grip),
+            np.asarray(best.T_cam_grasp), BLACK, 0.0, "best grasp" if piece.name == "palm" else "",
+        )
+        for piece in pieces(grasps.gripper, best.width)
+        if piece.arrives  # the others are the space that closing takes
+    ]

@@ -24,7 +24,7 @@ SORTS = {
     "order": "failures first", "scene": "by scene", "score": "by best score, lowest first", "count": "by poses, fewest "
     "first", "time": "by time, longest first",
 }  # fmt: skip
-FILTERS = {"": "all", "failed": "failures", "ambiguous": "with ambiguous poses", "low": "with a low score"}
+FILTERS = {"": "all", "failed": "failures", "ambiguous": "with ambiguous poses", "low": f"best score under {DOUBTFUL}"}
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def index_body(directory: Path, ordered: Sequence[IndexEntry]) -> str:
         wrong = sum((e.wrong or 0) + (e.missed or 0) for e in known)
         figures.insert(3, (str(wrong), "poses wrong or missed"))
     cards = "\n".join(card(directory, e, k) for k, e in enumerate(ordered))
-    order = "First scenes without a pose, then those with wrong or missed ones (if the truth is known), then low scores"
+    order = "First scenes without a pose, then those with wrong or missed ones (if the truth is known), then the lowest scores"
     return f"""<header><p class="eyebrow">itree-jax · reports</p><h1>{count_of(len(ordered), "scene")}</h1>
 {tiles(figures)}</header>
 <section><h2>Scenes, failures first</h2>

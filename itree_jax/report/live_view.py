@@ -1,5 +1,7 @@
 """The world model and the needle map in a live viewer, in a browser: `itree view` (extra `view`: viser)."""
 
+from contextlib import redirect_stdout
+from io import StringIO
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +11,9 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Float, UInt8
 
 from itree_jax.report.body import KIND_NAMES, Body, Stage
+from itree_jax.report.grasp_bodies import grasp_bodies
+from itree_jax.report.markup import number
+from itree_jax.report.mesh_packing import drawn_solid
 from itree_jax.report.scene_pictures import Picture, needle_colours
 from itree_jax.report.scene_view import SceneView
 from itree_jax.report.world_bodies import world_bodies
@@ -31,15 +36,17 @@ class LiveView:
         """Raises ItreeError when viser isn't installed. A port that is taken gives way to the next free one."""
         self._server = _server(host, port)
         bodies, stage = world_bodies(view.world)
-        for body in bodies:
-            _add_body(self._server, body, stage)
-        _add_needles(self._server, view, stage)
+        if view.grasps is not None:
+            bodies += grasp_bodies(view.grasps)
+        nodes = [_add_body(self._server, body, stage) for body in bodies]
+        self.nodes = (*nodes, _add_needles(self._server, view, stage))  # names, such as "/part/pose 0"
         _add_switches(self._server, [*dict.fromkeys(b.kind for b in bodies), "needles"])
         _look(self._server, stage)
         self.url = f"http://{host}:{self._server.get_port()}"
 
     def close(self) -> None:
-        self._server.stop()
+        with redirect_stdout(StringIO()):
+            self._server.stop()
 
     def __enter__(self) -> "LiveView":
         return self
@@ -65,11 +72,12 @@ def _server(host: str, port: int) -> "viser.ViserServer":
     check_viewer()
     import viser
 
-    return viser.ViserServer(host, port, label="itree-jax", verbose=False)
+    with redirect_stdout(StringIO()):  # it greets there, whatever `verbose` says
+        return viser.ViserServer(host, port, label="itree-jax", verbose=False)
 
 
-def _add_body(server: "viser.ViserServer", body: Body, stage: Stage) -> None:
-    """Under the node of its kind, so that one switch hides all of a kind."""
+def _add_body(server: "viser.ViserServer", body: Body, stage: Stage) -> str:
+    """Under the node of its kind, so that one switch hides all of a kind. Returns its name."""
     X = METRES * (body.mesh.vertices @ body.T_cam_body[:3, :3].T + body.T_cam_body[:3, 3] - stage.centre)
     name, opacity = f"/{body.kind}/{body.name}", OPACITY.get(body.kind, 0.0)
     if opacity:
@@ -78,28 +86,30 @@ def _add_body(server: "viser.ViserServer", body: Body, stage: Stage) -> None:
             flat_shading=True, side="double" if opacity < 1.0 else "front",
         )
     else:
-        ends = X[np.unique(np.asarray(body.mesh.edges_sorted), axis=0)]
+        solid = drawn_solid(body.mesh, len(body.mesh.faces))
+        X = METRES * (solid.vertices @ body.T_cam_body[:3, :3].T + body.T_cam_body[:3, 3] - stage.centre)
+        ends = X[solid.edges]
         server.scene.add_line_segments(
             name, ends, np.array(body.colour), thickness=LINE_WIDTH, thickness_units="screen"
         )
     if body.label:
-        score = f": {body.note}" if body.kind == "part" else ""
+        score = "" if body.score is None else f": {number(body.score, 2)}"
         place = METRES * (body.corners_cam.mean(axis=0) - stage.centre)
         server.scene.add_label(f"{name}/label", f"{body.label}{score}", position=place, anchor="bottom-center")
+    return name
 
 
-def _add_needles(server: "viser.ViserServer", view: SceneView, stage: Stage) -> None:
+def _add_needles(server: "viser.ViserServer", view: SceneView, stage: Stage) -> str:
     """Where depth is known, a point for each pixel in its normal's colour; else the needle map as a picture on the
-    plane at the working distance."""
+    plane at the working distance. Returns its name."""
     camera, colours = view.scene.sensor.camera, needle_colours(view.needle)
     if view.scene.depth is None:
-        _add_picture(server, colours, camera, view.scene.sensor.working_distance, stage)
-        return
+        return _add_picture(server, colours, camera, view.scene.sensor.working_distance, stage)
     X_cam, shown, pitch = surface_points(view.scene.depth, colours, camera)
-    server.scene.add_point_cloud(
+    return server.scene.add_point_cloud(
         "/needles/points", (METRES * (X_cam - stage.centre)).astype(np.float32), shown,
         point_size=METRES * POINT_SIZE * pitch, precision="float32", point_shading="flat",
-    )
+    ).name
 
 
 def surface_points(
@@ -116,13 +126,13 @@ def surface_points(
 
 def _add_picture(
     server: "viser.ViserServer", picture: Picture, camera: Camera, distance: float, stage: Stage
-) -> None:
+) -> str:
     size = camera.mm_per_px(distance) * np.array([camera.width, camera.height])
     centre = camera.unproject(np.array([(camera.width - 1) / 2, (camera.height - 1) / 2]), np.array(distance))
-    server.scene.add_image(
+    return server.scene.add_image(
         "/needles/picture", picture, METRES * float(size[0]), METRES * float(size[1]),
         position=METRES * (centre - stage.centre),
-    )
+    ).name
 
 
 def _add_switches(server: "viser.ViserServer", kinds: list[str]) -> None:

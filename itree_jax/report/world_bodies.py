@@ -36,7 +36,8 @@ def part_bodies(world: World) -> list[Body]:
         doubt = " · ambiguous" if d.ambiguous else ""
         note = f"{p.part.name} · score {number(d.score, 3)}{doubt} · at x, y, z {at} mm"
         name, link = f"pose {d.offer_rank}", f"#pose-{d.offer_rank}"
-        bodies.append(Body("part", name, note, meshes[id(p.part)], p.T_cam_obj, cycle(k), 1.0, str(d.offer_rank), link))
+        mesh, rank = meshes[id(p.part)], str(d.offer_rank)
+        bodies.append(Body("part", name, note, mesh, p.T_cam_obj, cycle(k), 1.0, rank, link, d.score))
     return bodies
 
 
