@@ -25,18 +25,21 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from itree_jax.cli.recognize import load_with_trees, with_depth_from
+from itree_jax.competition import selections
 from itree_jax.evaluation.judged import ScoredAnswers
 from itree_jax.evaluation.matching import match
 from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.score import STRICT, VISIBLE
 from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
 from itree_jax.prepared import Prepared, prepare, prepare_forest
-from itree_jax.recognition import read_scene, selections
-from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, terms
+from itree_jax.recognition import read_scene
+from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, share, terms
 from itree_jax.tree.tree_file import load_tree
 
 RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
-PRECISION = 0.995  # of the answers together, on bins of our own renderer: others are less alike
+LEAST_SPREAD = 0.1  # of a term: what hardly changes from answer to answer gets no large weight
+SUREST = 1.0 - 1e-6  # share that still lets an answer be wrong
+PRECISION = 0.99  # of the answers together, on bins of our own renderer: others are less alike
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,7 @@ class Rows(NamedTuple):
 
     part: int
     terms: Float[np.ndarray, "answers terms"]
+    share: Float[np.ndarray, "answers"]  # of belief beside the best rival
     error: Float[np.ndarray, "answers instances"]  # MSSD over the diameter
     visible: Float[np.ndarray, "instances"]
 
@@ -63,15 +67,16 @@ def main(config: Config) -> None:
     rows = rows_of_bins(config)
     part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
     X = np.concatenate([r.terms for r in rows])
+    shares = np.concatenate([r.share for r in rows])
     right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
     held_out = np.zeros(len(right))
     for one in np.unique(part):
-        model = fitted(X[part != one], right[part != one])
-        held_out[part == one] = of_terms(X[part == one], model)
+        model = fitted(X[part != one], shares[part != one], right[part != one])
+        held_out[part == one] = of_terms(X[part == one], model) * shares[part == one]
     answers = scored(rows, held_out)
     print(reliability_report(answers))
     least = least_probability(answers)
-    model = fitted(X, right)._replace(least=least)
+    model = fitted(X, shares, right)._replace(least=least)
     weights = ", ".join(f"{w:.3f}" for w in model.weights)
     print(f"{len(right)} poses of {len(rows)} scenes, {right.mean():.0%} right. Terms: {', '.join(SIGNS)}")
     print(f'"{kind_of(config.depth)}": Scoring(({weights}), {model.bias:.3f}, {least:.2f}),')
@@ -110,28 +115,35 @@ def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, tru
     forest = prepare_forest([prepared])
     answers, sight = read_scene(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
     open_ = SCORINGS[sight.kind]._replace(least=0.0)
-    X, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
+    X, shares, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros(0)], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
     for answer, selection in zip(answers, selections(answers, sight, open_) if answers else [], strict=True):
         poses = answer.hypotheses.poses
         X.append(terms(selection.measures))
+        shares.append(share(selection.measures.margin))
         R.append(np.asarray(poses.R_cam_obj, float)[selection.accepted])
         t.append(np.asarray(poses.t_cam_obj, float)[selection.accepted])
     found = Pose(np.concatenate(R)[:, None], np.concatenate(t)[:, None])
     true = Pose(truth.pose.R[None], truth.pose.t[None])
     error = mssd(found, true, model.hull, model.symmetries) / model.diameter
-    return Rows(obj_id, np.concatenate(X), error, truth.visible)
+    return Rows(obj_id, np.concatenate(X), np.concatenate(shares), error, truth.visible)
 
 
-def fitted(X: Float[np.ndarray, "answers terms"], right: Bool[np.ndarray, "answers"]) -> Scoring:
-    """The logistic model of greatest likelihood whose weights have the signs that they must have."""
-    scale = np.maximum(X.std(axis=0), 1e-6)
-    Z, y = X / scale, np.where(right, 1.0, -1.0)
+def fitted(
+    X: Float[np.ndarray, "answers terms"], shares: Float[np.ndarray, "answers"], right: Bool[np.ndarray, "answers"]
+) -> Scoring:
+    """The model of greatest likelihood whose weights have the signs that they must have: an answer is right with the
+    probability of a logistic model of the terms times its share.
+    """
+    scale = np.maximum(X.std(axis=0), LEAST_SPREAD)
+    Z, kept = X / scale, np.minimum(shares, SUREST)
 
     def loss(w: Float[np.ndarray, "weights"]) -> tuple[float, Float[np.ndarray, "weights"]]:
-        odds = y * (Z @ w[:-1] + w[-1])
-        slope = -y * expit(-odds) / len(y)
+        place = expit(Z @ w[:-1] + w[-1])
+        p = place * kept
+        cost = -np.where(right, np.log(np.maximum(p, 1e-12)), np.log1p(-p))
+        slope = np.where(right, place - 1.0, p * (1.0 - place) / (1.0 - p)) / len(right)
         gradient = np.append(slope @ Z + 2.0 * RIDGE * w[:-1], slope.sum())
-        return float(np.logaddexp(0.0, -odds).mean() + RIDGE * np.sum(w[:-1] ** 2)), gradient
+        return float(cost.mean() + RIDGE * np.sum(w[:-1] ** 2)), gradient
 
     bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS.values()] + [(None, None)]
     w = minimize(loss, np.zeros(Z.shape[1] + 1), jac=True, bounds=bounds, method="L-BFGS-B").x

@@ -82,7 +82,7 @@ def every_attitude(
     poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.astype(np.float32))
     shown = visible_centres(poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
     poses = Hypotheses(poses.R_cam_obj, (2.0 * t - shown).astype(np.float32))
-    return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf))
+    return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
 
 
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:

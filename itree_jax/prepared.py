@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
-from itree_jax.refinement.hypotheses import NEARLY_SAME, near_symmetries
+from itree_jax.refinement.hypotheses import NEARLY_SAME, turns_about_axes
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
@@ -31,7 +31,7 @@ class Prepared:
     determination: DeterminationArrays
     pitch: float  # of feature windows [mm]
     solid: Solid
-    turns: Float[np.ndarray, "turns 4 4"]  # near symmetries, model -> model
+    turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
 
 
 def rival_turns(tree: InterpretationTree) -> Float[np.ndarray, "turns 4 4"]:
-    """Near symmetries of the part that are none: turns after which it lies otherwise."""
+    """Turns about the part's main axes after which it lies otherwise."""
     part = tree.part
-    turns = near_symmetries(part.vertices, part.triangles)
+    turns = turns_about_axes(part.vertices, part.triangles)
     apart = same_part_distance(
         turns[:, :3, :3], turns[:, :3, 3], np.eye(3), np.zeros(3), tree.symmetries, part.diameter
     )

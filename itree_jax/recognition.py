@@ -1,9 +1,8 @@
 """The online story: images -> needle map -> regions -> interpretation tree -> poses (Ikeuchi 1987, sec. 3)."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 from itree_kernels.errors import ItreeError
@@ -21,27 +20,20 @@ from itree_jax.backtracking import (
     left_over,
     likeliest,
 )
+from itree_jax.challenge import challenged, settled
+from itree_jax.competition import compete, select
 from itree_jax.detections import Detections, place_of
+from itree_jax.narrowing import judge, narrow
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_reflections import subtract_reflections
 from itree_jax.recognised_response import responses_of_parts
-from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
-    agreement,
-    best_of_each_region,
     joined,
     place,
-    rough_share,
-    turned_about_axes,
 )
-from itree_jax.refinement.likelihood import support
-from itree_jax.refinement.optimise import Hypotheses, NormalEquations, RefineModel, refine
-from itree_jax.refinement.schedule import Round, Schedule
-from itree_jax.refinement.scoring import SCORINGS, Scoring
-from itree_jax.refinement.select import Judged, Key, Selection, select_jointly, together
-from itree_jax.refinement.solids import share_space
-from itree_jax.refinement.verify import verify, visible_centres
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.verify import visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
 from itree_jax.sensing.regions import Regions
@@ -138,7 +130,7 @@ def read_scene(
     before = sight
     images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
     again = answers if sight is before else compete([seen_again(a, sight) for a in answers], sight)
-    return search_deeper(forest, images, sight, again), sight
+    return settled(search_deeper(forest, images, sight, again), sight), sight
 
 
 def look_again(
@@ -259,85 +251,11 @@ def interpret(
     plan = sight.plan(tree.part.diameter, tree.spacing)
     hypotheses, equations = narrow(hypotheses, model, sight, plan.rounds, plan, beam.keep)
     judged = judge(hypotheses, prepared, sight, plan)
-    accepted = hypotheses.take(select(judged, prepared, hypotheses, sight).accepted)
-    if len(accepted.region):
-        turned = near_poses(accepted, prepared, sensor, plan.turned[0].stage.size)
-        turned, more = narrow(turned, model, sight, plan.turned, plan)
-        turned = turned._replace(region=accepted.region[turned.region])
-        judged = together(judged, judge(turned, prepared, sight, plan))
-        hypotheses = joined(hypotheses, turned)
-        equations = NormalEquations(*(np.concatenate(pair) for pair in zip(equations, more, strict=True)))
-    judged = judged._replace(near=rivalry(hypotheses, prepared))
     selection = select(judged, prepared, hypotheses, sight)
-    return Interpretation(
+    answer = Interpretation(
         prepared, part, asked, features, classification, hypotheses, equations, judged, selection, sight.found, said
     )
-
-
-def near_poses(
-    accepted: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
-) -> RegionHypotheses:
-    """Each accepted pose under its near symmetries, moved so that it shows its surface where the pose did.
-
-    They explain the same place, and only one is right. `region` counts the accepted poses.
-    """
-    own = accepted._replace(region=np.arange(len(accepted.region)))
-    turned = turned_about_axes(own, prepared.turns)
-    there = visible_centres(own.poses, prepared.model, sensor.camera, size)
-    here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
-    t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
-    return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
-
-
-def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> Judged:
-    """The last verification of all hypotheses: counts, and the likelihood of every pixel."""
-    model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
-    verdict, _, _ = verify(
-        hypotheses.poses, model, sight.observed, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
-        sight.others,
-    )
-    weighed = support(hypotheses.poses, model, sight.observed, camera, plan.errors, plan.jump, sight.others)
-    return Judged(verdict, weighed, sensor.smallest_region / sensor.mm_per_px**2, rivalry(hypotheses, prepared))
-
-
-def rivalry(hypotheses: RegionHypotheses, prepared: Prepared) -> Bool[np.ndarray, "hypotheses hypotheses"]:
-    """Which hypotheses are other poses of the same place."""
-    R, t = (np.asarray(a, float) for a in hypotheses.poses)
-    return same_place(R, t, prepared.tree.symmetries, prepared.model.diameter)
-
-
-def select(judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sight: Sight) -> Selection:
-    """Which hypotheses of one part explain the scene together."""
-    collide = collisions([(prepared, hypotheses)])
-    camera = sight.sensor.camera
-    return select_jointly([judged], (camera.height, camera.width), collide, SCORINGS[sight.kind])[0]
-
-
-def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
-    """Whether two hypotheses, keyed by (part, index), share space."""
-    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
-
-    @cache
-    def collide(a: Key, b: Key) -> bool:
-        (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
-        return share_space(bodies[a[0]][0].solid, R_a[a[1]], t_a[a[1]], bodies[b[0]][0].solid, R_b[b[1]], t_b[b[1]])
-
-    return collide
-
-
-def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
-    """Several parts looked for in one bin, or one bin read twice: a place goes to the pose that explains it best."""
-    if len(answers) < 2:
-        return answers
-    chosen = selections(answers, sight, SCORINGS[sight.kind])
-    return [replace(a, selection=s) for a, s in zip(answers, chosen, strict=True)]
-
-
-def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:
-    """Which hypotheses of all answers explain the scene together, and how probable each is."""
-    collide = collisions([(a.prepared, a.hypotheses) for a in answers])
-    camera = sight.sensor.camera
-    return select_jointly([a.judged for a in answers], (camera.height, camera.width), collide, scoring)
+    return challenged(answer, sight)
 
 
 def as_hypotheses(
@@ -357,7 +275,8 @@ def as_hypotheses(
     R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam[asked], X_region[asked])
     region = np.repeat(asked, row.shape[1])
     poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
-    return RegionHypotheses(poses, region, row.reshape(-1), np.where(empty, -np.inf, score).reshape(-1))
+    log_likelihood = np.where(empty, -np.inf, score).reshape(-1)
+    return RegionHypotheses(poses, region, row.reshape(-1), log_likelihood, np.zeros(len(region), bool))
 
 
 def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:
@@ -370,30 +289,6 @@ def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: S
     t_cam_obj = hypotheses.poses.t_cam_obj + sight.segment_centre[hypotheses.region] - shown
     poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
     return hypotheses._replace(poses=poses)
-
-
-def narrow(
-    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
-    keep: Sequence[int] | None = None,
-) -> tuple[RegionHypotheses, NormalEquations]:
-    """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan."""
-    equations, camera = None, sight.sensor.camera
-    for k, step in enumerate(rounds):
-        poses, equations = refine(
-            hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
-            sight.crease,
-        )
-        hypotheses = hypotheses._replace(poses=poses)
-        edges = plan.jump if step.stage.contour else None
-        verdict, _, _ = verify(
-            poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others
-        )
-        score = agreement(verdict) if step.stage.contour else rough_share(verdict)
-        kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)
-        hypotheses = hypotheses.take(kept)
-        equations = NormalEquations(*(e[kept] for e in equations))
-    assert equations is not None
-    return hypotheses, equations
 
 
 def _check_shapes(images: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:

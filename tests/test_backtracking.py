@@ -20,7 +20,7 @@ from itree_jax.simulate.imaging import image_bin
 def hypotheses(region, log_p) -> RegionHypotheses:
     count = len(region)
     poses = Hypotheses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-    return RegionHypotheses(poses, np.array(region), np.arange(count), np.array(log_p, float))
+    return RegionHypotheses(poses, np.array(region), np.arange(count), np.array(log_p, float), np.zeros(count, bool))
 
 
 def test_the_fewest_attitudes_that_hold_the_mass_are_kept():

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from itree_jax.evaluation.judged import JudgedScene
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.score import LOOSE, STRICT
-from itree_jax.refinement.hypotheses import near_symmetries
+from itree_jax.refinement.hypotheses import turns_about_axes
 
 # A pose turned by a near symmetry slides until most of what it shows fits, by up to about a wall's thickness.
 TURNED_WITHIN = 0.15  # of the diameter, MSSD to a true pose under the turn
@@ -38,7 +38,7 @@ class Shape:
 
     diameter: float  # [mm]
     hull: Float[np.ndarray, "points 3"]  # vertices of the convex hull [mm]
-    turns: Float[np.ndarray, "turns 4 4"]  # near symmetries, model -> model [mm]
+    turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model [mm]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Failure:
 def part_shape(part: Part) -> Shape:
     vertices = np.asarray(part.vertices, float)
     hull = vertices[ConvexHull(vertices).vertices]
-    turns = near_symmetries(part.vertices, part.triangles).reshape(-1, 4, 4)
+    turns = turns_about_axes(part.vertices, part.triangles).reshape(-1, 4, 4)
     return Shape(float(part.diameter), hull, turns)
 
 

@@ -5,10 +5,8 @@ from itree_cad.symmetry import Symmetries
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import NEARLY_SAME, pose_distance
+from itree_jax.refinement.scoring import REFINEMENT_NATS
 
-# Likelihood ratios of two refinements of one pose scatter by about this (68 % by less than 17), as refinement stops
-# a bit off the best pose (experiments/refinement_nats.py): so much is no evidence.
-REFINEMENT_NATS = 20.0
 FARTHEST = 6.0  # times as much: beyond it a rival has no share
 
 

@@ -4,7 +4,7 @@ from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.optimise import Hypotheses
@@ -12,8 +12,7 @@ from itree_jax.refinement.verify import Verdict
 
 FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
 MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with another
-SIMILAR_EXTENT = 1.4  # extents that differ by more tell a turned part at a glance
-ROUND_EXTENT = 1.15  # ... and those of a part that is nearly round stay closer than this all around
+ROUND_EXTENT = 1.15  # of a part that is nearly round: its extent changes less all around
 ROUND_TURNS = 2.0 * np.pi * np.arange(1, 15) / 15  # [rad]: none of them a cube's, 24 degrees apart
 NEARLY_SAME = 0.1  # of the diameter: two hypotheses whose rims differ by less are one
 
@@ -25,10 +24,11 @@ class RegionHypotheses(NamedTuple):
     region: Int[np.ndarray, "hypotheses"]
     row: Int[np.ndarray, "hypotheses"]
     log_likelihood: Float[np.ndarray, "hypotheses"]
+    challenged: Bool[np.ndarray, "hypotheses"]  # the poses that it is easily mistaken for were looked at
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "RegionHypotheses":
         poses = Hypotheses(self.poses.R_cam_obj[index], self.poses.t_cam_obj[index])
-        return RegionHypotheses(poses, self.region[index], self.row[index], self.log_likelihood[index])
+        return RegionHypotheses(poses, *(values[index] for values in self[1:]))
 
 
 def place(
@@ -100,15 +100,15 @@ def pose_distance(
     return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
 
 
-def near_symmetries(
+def turns_about_axes(
     vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
 ) -> Float[np.ndarray, "turns 4 4"]:
-    """Turns about the part's main axes that nearly keep its extent, model -> model [mm], identity left out: those of a
-    cube, and about an axis that the part is nearly round about, all around in steps that refinement bridges.
+    """Turns about the part's main axes, model -> model [mm], identity left out: those of a cube, and about an axis that
+    the part is nearly round about, all around in steps that refinement bridges.
 
-    Machine parts nearly repeat themselves under these. A pose that is wrong by one of them explains most of what it
-    shows and is a minimum of its own, which no refinement leaves: the small feature that tells them apart has to be
-    asked for. Half turns about the axes keep every extent; an oblong part has no others.
+    Machine parts nearly repeat themselves under these, as a whole or in the faces that one image shows. A pose that is
+    wrong by one of them explains most of what it shows and is a minimum of its own, which no refinement leaves: the
+    small feature that tells them apart has to be asked for.
     """
     axes = main_axes(vertices.astype(float), triangles)
     along = vertices @ axes
@@ -123,11 +123,8 @@ def near_symmetries(
         for signs in product((1.0, -1.0), repeat=3):
             P = np.zeros((3, 3))
             P[range(3), order] = signs
-            ratio = extent[list(order)] / extent
-            differs = np.abs(np.log(ratio)).max() > np.log(SIMILAR_EXTENT)
-            if np.linalg.det(P) < 0 or np.allclose(P, np.eye(3)) or differs:
-                continue
-            turns.append(_turn(axes @ P @ axes.T, centre))
+            if np.linalg.det(P) > 0 and not np.allclose(P, np.eye(3)):
+                turns.append(_turn(axes @ P @ axes.T, centre))
     return np.array(turns).reshape(-1, 4, 4)
 
 

@@ -70,6 +70,9 @@ class Support(NamedTuple):
         arrays = (np.concatenate(pair) for pair in zip(self[:-1], other[:-1], strict=True))
         return Support(*arrays, stride=self.stride)
 
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Support":
+        return Support(*(values[index] for values in self[:-1]), stride=self.stride)
+
 
 def likelihood_one(
     R_cam_obj: Float[Array, "3 3"], predicted: Predicted, observed: ObservedMaps,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 
-from itree_jax.refinement.likelihood import SensorErrors
+from itree_jax.refinement.likelihood import SIZE, SensorErrors
 from itree_jax.refinement.optimise import Stage
 from itree_jax.refinement.residuals import Deviations
 from itree_jax.refinement.verify import Tolerances
@@ -23,6 +23,7 @@ EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
 EDGE_BIAS = 0.15  # [px] shared by a contour
 DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
 NOISE_SIGMAS = 4.0
+LAST_SIGMAS = 3.0  # at the end: what a pixel is off by more is a part that leans on this one
 DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
 IMAGE_EDGE_GATE = 1.5  # [px]: three deviations; images have edges of textures and other parts a few pixels away
 
@@ -42,7 +43,9 @@ class Schedule:
 
     rounds: tuple[Round, ...]  # of the candidates
     turned: tuple[Round, ...]  # of accepted poses under their near symmetries
+    last: Stage | None  # of the answers and their rivals, where a depth map's pixels may err independently
     deviations: Deviations
+    independent: Deviations  # the same, but no bias of depth
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
@@ -108,4 +111,8 @@ def schedule(
               EDGE_PIXEL, EDGE_BIAS, 0.0)
     reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, edge)
     errors = SensorErrors(*(jnp.float32(v) for v in reckoned))
-    return Schedule(rounds, turned, Deviations(*(jnp.float32(v) for v in values)), errors, jump, 96)
+    deviations = Deviations(*(jnp.float32(v) for v in values))
+    independent = deviations._replace(depth_bias=jnp.float32(0.0))
+    narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
+    last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate)) if edge == 0.0 else None
+    return Schedule(rounds, turned, last, deviations, independent, errors, jump, 96)

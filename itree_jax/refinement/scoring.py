@@ -4,10 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import expit
 
 HOPELESS = 0.02  # less probable poses don't compete
 LEAST_AGAINST = 1e-3  # contradiction below it is the raster's
-MARGIN = 100.0  # [nats]: what two refinements of one pose differ by is about half of it
+# Likelihood ratios of two refinements of one pose scatter by about this (68 % by less than 17), as refinement stops
+# a bit off the best pose (experiments/refinement_nats.py): so much is no evidence.
+REFINEMENT_NATS = 20.0
 
 
 class Measures(NamedTuple):
@@ -26,38 +29,45 @@ class Measures(NamedTuple):
 
 
 class Scoring(NamedTuple):
-    """A logistic model of the terms."""
+    """A logistic model of the terms: that the place of a pose is a part's, in this pose or in its best rival's."""
 
     weights: tuple[float, ...]  # one per term
     bias: float
-    least: float  # a less probable pose is no answer
+    least: float  # a pose whose place is less probable is no answer
 
 
 # What the model adds up, and the sign that each weight must have: doubt never makes a pose more probable.
 SIGNS = {
     "size": 1, "fit": 1, "against": -1, "hidden": -1, "lit": 1, "needles": 1, "contour": 1, "beside": 1, "own": 1,
-    "margin": 1,
 }  # fmt: skip
 
 
 def terms(measures: Measures) -> Float[np.ndarray, "*h terms"]:
-    """The measures, each on a scale on which a logistic model may add them up."""
+    """The measures but the margin, each on a scale on which a logistic model may add them up."""
     values = measures._replace(
-        against=np.log(LEAST_AGAINST + measures.against),
-        beside=np.clip(measures.beside, -1.0, 1.0),
-        margin=np.tanh(np.clip(measures.margin / MARGIN, -10.0, 10.0)),
+        against=np.log(LEAST_AGAINST + measures.against), beside=np.clip(measures.beside, -1.0, 1.0)
     )
-    return np.stack(values, axis=-1)
+    return np.stack(values[:-1], axis=-1)
+
+
+def share(margin: Float[np.ndarray, "*h"]) -> Float[np.ndarray, "*h"]:
+    """Of belief that a pose keeps beside its best rival: a half where the scene doesn't tell them apart."""
+    return expit(margin / REFINEMENT_NATS)
+
+
+def of_place(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
+    """Probability that the pose or its best rival is right."""
+    return expit(terms(measures) @ np.array(scoring.weights) + scoring.bias)
 
 
 def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
-    """That of being right, by a logistic model of the terms."""
-    return 1.0 / (1.0 + np.exp(-(terms(measures) @ np.array(scoring.weights) + scoring.bias)))
+    """That of being right: the place's times the pose's share of it."""
+    return of_place(measures, scoring) * share(measures.margin)
 
 
 # Fitted to simulated bins of the bundled parts by experiments/calibrate_scores.py, by where depth comes from.
 SCORINGS = {
-    "depth": Scoring((0.399, 0.051, -1.068, -9.827, 2.724, 0.308, 6.265, 0.0, 1.327, 2.994), -15.822, 0.75),
-    "stereo": Scoring((0.219, 0.0, -0.107, -5.008, 7.636, 0.0, 11.439, 2.931, 7.971, 5.234), -28.16, 0.8),
-    "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568, 0.0), -27.849, 0.5),
+    "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012), -17.652, 0.75),
+    "stereo": Scoring((0.219, 0.0, -0.107, -5.008, 7.636, 0.0, 11.439, 2.931, 7.971), -22.926, 0.8),
+    "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568), -27.849, 0.5),
 }

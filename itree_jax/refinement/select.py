@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import contour_share
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, probability
+from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
@@ -33,6 +33,11 @@ class Judged(NamedTuple):
         """That of each pose against something else being there [nats, by image pixels]."""
         one = self.support
         return (np.sum(one.pixels, axis=(1, 2), dtype=np.float64) + one.beside) * one.stride**2
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
+        """Of some hypotheses; who is near whom as before."""
+        verdict = Verdict(*(counts[index] for counts in self.verdict))
+        return Judged(verdict, self.support.take(index), self.least_pixels, self.near[np.ix_(index, index)])
 
 
 def together(first: Judged, second: Judged) -> Judged:
@@ -82,7 +87,7 @@ def select_jointly(
         final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
-        improbable = [key for key in accepted if scores[key[0]][key[1]] < scoring.least]
+        improbable = [key for key in accepted if of_place(final[key], scoring) < scoring.least]
         if not improbable:
             break
         out |= dict.fromkeys(improbable, "it is improbable beside the accepted poses")

@@ -200,3 +200,15 @@ def test_more_doubt_never_makes_a_pose_more_probable(kind):
     assert 0.0 < of() < 1.0
     for name, value in worse.items():
         assert of(**{name: value}) <= of(), name
+
+
+@pytest.mark.parametrize("kind", sorted(SCORINGS))
+def test_a_pose_shares_its_probability_with_a_rival_that_is_as_good(kind):
+    measured = {"size": 3.0, "fit": 6.0, "against": 0.0, "hidden": 0.0, "lit": 1.0, "needles": 0.5, "contour": 0.9,
+                "beside": 0.1, "own": 1.0}  # fmt: skip
+    alone, beside, beaten = (
+        probability(Measures(*(np.float64(v) for v in measured.values()), margin=np.float64(m)), SCORINGS[kind])
+        for m in (np.inf, 0.0, -1000.0)
+    )
+    assert beside == pytest.approx(0.5 * alone)
+    assert beaten < 1e-6

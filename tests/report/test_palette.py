@@ -19,7 +19,7 @@ EYES = {  # of linear RGB
         [0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881],
     ]),
 }  # fmt: skip
-APART = 10.0  # Delta E (CIE 1976): over four times what is just seen, in patches beside each other
+APART = 15.0  # Delta E (CIE 1976): six times what is just seen in patches beside each other; the least is 17
 FAR_APART = 30.0  # of colours that mean opposite things
 
 

@@ -1,0 +1,49 @@
+"""Which poses explain the scene together: hypotheses of one part, of several parts, and of several readings."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from itree_jax.answers import Interpretation
+from itree_jax.prepared import Prepared
+from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.scoring import SCORINGS, Scoring
+from itree_jax.refinement.select import Judged, Key, Selection, select_jointly
+from itree_jax.refinement.solids import share_space
+from itree_jax.sight import Sight
+
+
+def select(judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sight: Sight) -> Selection:
+    """Which hypotheses of one part explain the scene together."""
+    collide = collisions([(prepared, hypotheses)])
+    camera = sight.sensor.camera
+    return select_jointly([judged], (camera.height, camera.width), collide, SCORINGS[sight.kind])[0]
+
+
+def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
+    """Several parts looked for in one bin, or one bin read twice: a place goes to the pose that explains it best."""
+    if len(answers) < 2:
+        return answers
+    chosen = selections(answers, sight, SCORINGS[sight.kind])
+    return [replace(a, selection=s) for a, s in zip(answers, chosen, strict=True)]
+
+
+def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:
+    """Which hypotheses of all answers explain the scene together, and how probable each is."""
+    collide = collisions([(a.prepared, a.hypotheses) for a in answers])
+    camera = sight.sensor.camera
+    return select_jointly([a.judged for a in answers], (camera.height, camera.width), collide, scoring)
+
+
+def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
+    """Whether two hypotheses, keyed by (part, index), share space."""
+    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
+
+    @cache
+    def collide(a: Key, b: Key) -> bool:
+        (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
+        return share_space(bodies[a[0]][0].solid, R_a[a[1]], t_a[a[1]], bodies[b[0]][0].solid, R_b[b[1]], t_b[b[1]])
+
+    return collide

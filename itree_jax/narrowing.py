@@ -1,0 +1,57 @@
+"""Hypotheses against what was seen: rounds of refining and verifying, and the last judgement pixel by pixel."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool
+
+from itree_jax.prepared import Prepared
+from itree_jax.refinement.ambiguity import same_place
+from itree_jax.refinement.hypotheses import RegionHypotheses, agreement, best_of_each_region, rough_share
+from itree_jax.refinement.likelihood import support
+from itree_jax.refinement.optimise import NormalEquations, RefineModel, refine
+from itree_jax.refinement.schedule import Round, Schedule
+from itree_jax.refinement.select import Judged
+from itree_jax.refinement.verify import verify
+from itree_jax.sight import Sight
+
+
+def narrow(
+    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
+    keep: Sequence[int] | None = None,
+) -> tuple[RegionHypotheses, NormalEquations]:
+    """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan."""
+    equations, camera = None, sight.sensor.camera
+    for k, step in enumerate(rounds):
+        poses, equations = refine(
+            hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
+            sight.crease,
+        )
+        hypotheses = hypotheses._replace(poses=poses)
+        edges = plan.jump if step.stage.contour else None
+        verdict, _, _ = verify(
+            poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others
+        )
+        score = agreement(verdict) if step.stage.contour else rough_share(verdict)
+        kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)
+        hypotheses = hypotheses.take(kept)
+        equations = NormalEquations(*(e[kept] for e in equations))
+    assert equations is not None
+    return hypotheses, equations
+
+
+def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> Judged:
+    """The last verification of all hypotheses: counts, and the likelihood of every pixel."""
+    model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
+    verdict, _, _ = verify(
+        hypotheses.poses, model, sight.observed, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
+        sight.others,
+    )
+    weighed = support(hypotheses.poses, model, sight.observed, camera, plan.errors, plan.jump, sight.others)
+    return Judged(verdict, weighed, sensor.smallest_region / sensor.mm_per_px**2, rivalry(hypotheses, prepared))
+
+
+def rivalry(hypotheses: RegionHypotheses, prepared: Prepared) -> Bool[np.ndarray, "hypotheses hypotheses"]:
+    """Which hypotheses are other poses of the same place."""
+    R, t = (np.asarray(a, float) for a in hypotheses.poses)
+    return same_place(R, t, prepared.tree.symmetries, prepared.model.diameter)

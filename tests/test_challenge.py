@@ -1,0 +1,110 @@
+"""The last word: turned poses are found out, and polishing never makes an answer less likely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from itree_jax.challenge import challenged, polished, settled, turned_poses
+from itree_jax.narrowing import judge
+from itree_jax.prepared import prepare
+from itree_jax.recognition import as_forest, read_scene
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.verify import visible_centres
+from itree_jax.simulate.bin import Bin
+from itree_jax.simulate.imaging import image_bin
+
+
+@pytest.fixture(scope="module")
+def prepared(paper_tree):
+    return prepare(paper_tree)
+
+
+@pytest.fixture(scope="module")
+def read(paper_tree, prepared):
+    """What is recognised of one part on a table, the sight, and the true pose."""
+    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 50], degrees=True).as_matrix(), (0.0, 0.0, 25.0)
+    scene, truth = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    answers, sight = read_scene(as_forest(prepared), scene.images, scene.sensor, scene.depth, scene.R_w2c)
+    return answers[0], sight, truth[0]
+
+
+def only(answer, sight, R, t):
+    """The interpretation as if the tree had led to this pose alone, and it were accepted."""
+    h = answer.selection.accepted[:1]
+    poses = Hypotheses(np.asarray(R, np.float32)[None], np.asarray(t, np.float32)[None])
+    hypotheses = answer.hypotheses.take(h)._replace(poses=poses, challenged=np.zeros(1, bool))
+    tree = answer.prepared.tree
+    judged = judge(hypotheses, answer.prepared, sight, sight.plan(tree.part.diameter, tree.spacing))
+    chosen = replace(
+        answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),
+        rivals=((np.zeros(0, int), np.zeros(0)),),
+    )
+    return replace(answer, hypotheses=hypotheses, equations=type(answer.equations)(*(e[h] for e in answer.equations)),
+                   judged=judged, selection=chosen)
+
+
+def turn_between(R, S) -> float:
+    """[deg]"""
+    return float(np.degrees(Rotation.from_matrix(np.asarray(R, float).T @ S).magnitude()))
+
+
+def best(answer):
+    h = answer.selection.accepted[0]
+    return np.asarray(answer.hypotheses.poses.R_cam_obj[h], float), np.asarray(answer.hypotheses.poses.t_cam_obj[h])
+
+
+@pytest.mark.parametrize("k", [0, 9, 17])
+def test_a_turned_pose_gives_way_to_the_right_one(prepared, read, k):
+    answer, sight, truth = read
+    turn = np.linalg.inv(prepared.turns[k % len(prepared.turns)])
+    R, t = truth.R_cam_obj @ turn[:3, :3], truth.R_cam_obj @ turn[:3, 3] + truth.t_cam_obj
+    wrong = only(answer, sight, R, t)
+    assert turn_between(best(wrong)[0], truth.R_cam_obj) > 15.0
+    found = challenged(wrong, sight)
+    assert turn_between(best(found)[0], truth.R_cam_obj) < 1.0
+    assert found.hypotheses.challenged.all()
+
+
+def test_whoever_met_its_challengers_is_left_alone(read):
+    answer, sight, _ = read
+    assert answer.hypotheses.challenged[answer.selection.accepted].all()
+    assert challenged(answer, sight) is answer
+    again = settled([answer], sight)[0]
+    assert len(again.selection.accepted) == len(answer.selection.accepted)
+
+
+def test_turned_poses_show_their_surface_where_the_pose_did(prepared, read):
+    answer, sight, _ = read
+    accepted = answer.hypotheses.take(answer.selection.accepted[:1])
+    turned = turned_poses(accepted, prepared, sight.sensor, 24)
+    assert len(turned.region) == len(prepared.turns)
+    own = visible_centres(accepted.poses, prepared.model, sight.sensor.camera, 24)
+    moved = visible_centres(turned.poses, prepared.model, sight.sensor.camera, 24)
+    # shifting a pose a little changes what it shows a little
+    np.testing.assert_allclose(moved, np.tile(own, (len(moved), 1)), atol=0.05 * prepared.tree.part.diameter)
+
+
+def test_polishing_makes_a_pose_more_likely_and_more_exact(read):
+    answer, sight, truth = read
+    off = Rotation.from_rotvec(np.radians([0.2, -0.15, 0.2])).as_matrix()
+    rough = only(answer, sight, off @ truth.R_cam_obj, truth.t_cam_obj + np.full(3, 0.05))
+    fine = polished(rough, sight)
+    assert fine.judged.log_likelihood[0] > rough.judged.log_likelihood[0]
+    assert turn_between(best(fine)[0], truth.R_cam_obj) < 0.5 * turn_between(best(rough)[0], truth.R_cam_obj)
+
+
+def test_polishing_leaves_alone_what_it_would_make_less_likely(read):
+    """A polished pose polished again: whatever happens, it doesn't get less likely."""
+    answer, sight, _ = read
+    before = answer.judged.log_likelihood[answer.selection.accepted].max()
+    after = polished(answer, sight)
+    assert after.judged.log_likelihood[after.selection.accepted].max() >= before
+
+
+def test_without_a_depth_map_nothing_is_polished(read):
+    answer, sight, _ = read
+    assert polished(answer, replace(sight, observed=sight.observed, edge_reach=2.0)) is answer
