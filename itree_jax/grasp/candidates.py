@@ -1,6 +1,6 @@
 """The grasps of a part, found offline from its CAD model: once per part and gripper."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,8 +45,8 @@ def grasp_table(part: Part, gripper: Gripper) -> GraspTable:
     if not rated:
         return GraspTable(part, gripper, (), _nothing_fits(part, gripper))
     own = _solid(part)
-    best = _best_of_each_direction(rated, part.diameter, PER_DIRECTION[type(tool)])
-    free = [one for one in best if not _in_own_way(own, gripper, one)]
+    free = _best_of_each_direction(rated, part.diameter, PER_DIRECTION[type(tool)],
+                                   lambda one: not _in_own_way(own, gripper, one))  # fmt: skip
     if not free:
         return GraspTable(part, gripper, (), f"the part '{part.name}' itself is in the gripper's way at all its faces")
     return GraspTable(part, gripper, tuple(free))
@@ -68,14 +68,16 @@ def _rated(one: Candidate, middle: Float[np.ndarray, "3"]) -> Candidate:
     return replace(one, lever=lever, width=round(one.width, SAME_WIDTH))
 
 
-def _best_of_each_direction(rated: Iterable[Candidate], diameter: float, most: int) -> list[Candidate]:
-    ordered = sorted(rated, key=lambda one: -quality(one, diameter))
+def _best_of_each_direction(
+    rated: Iterable[Candidate], diameter: float, most: int, is_free: Callable[[Candidate], bool]
+) -> list[Candidate]:
+    """At most so many free ones of the same faces from the same direction, the best first."""
     count: dict[tuple, int] = {}
     kept = []
-    for one in ordered:
+    for one in sorted(rated, key=lambda one: -quality(one, diameter)):
         key = (one.faces, *np.round(one.T_obj_grasp[:3, (0, 2)].ravel(), 3).tolist())
-        count[key] = count.get(key, 0) + 1
-        if count[key] <= most:
+        if count.get(key, 0) < most and is_free(one):
+            count[key] = count.get(key, 0) + 1
             kept.append(one)
     return kept
 

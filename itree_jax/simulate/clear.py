@@ -21,9 +21,9 @@ from itree_jax.recognition import recognize_one
 from itree_jax.sensor import Sensor
 from itree_jax.simulate.bin import Bin, bin_for, camera_above, walls_of
 from itree_jax.simulate.dataset import model_info
-from itree_jax.simulate.grasp_check import TrueBin
+from itree_jax.simulate.grasp_check import TrueBin, fine_pieces
 from itree_jax.simulate.imaging import LOOKS, Look, image_mixed_bin
-from itree_jax.simulate.settle import settle_from, settle_mixed
+from itree_jax.simulate.settle import Pieces, settle_from, settle_mixed
 from itree_jax.world.model import World, world_model
 
 RIGHT = 0.05  # of the diameter: a pose off by more (MSSD) is a wrong one, as in the evaluation
@@ -79,6 +79,7 @@ class State:
     bin: Bin
     of_kind: Int[np.ndarray, "parts"]
     T_bin_obj: Float[np.ndarray, "parts 4 4"]
+    pieces: Pieces  # convex ones of the parts, by `id(part)`
     failed: list[Float[np.ndarray, "3"]] = field(default_factory=list)  # [mm] places of grasps that brought nothing
 
     @property
@@ -90,9 +91,9 @@ class State:
         keep = np.arange(len(self.of_kind)) != taken
         of_kind, T = self.of_kind[keep], self.T_bin_obj[keep]
         if len(of_kind):
-            T, kept = settle_from([self.kinds[k][0] for k in of_kind], T, self.bin)
+            T, kept = settle_from([self.kinds[k][0] for k in of_kind], T, self.bin, self.pieces)
             of_kind = of_kind[kept]
-        return State(self.kinds, self.bin, of_kind, T)
+        return State(self.kinds, self.bin, of_kind, T, self.pieces)
 
 
 def clear_bin(
@@ -117,7 +118,7 @@ def clear_bin(
     dropped = np.arange(parts) % len(kinds)
     drop_seed, image_seed = np.random.SeedSequence(seed).generate_state(2).tolist()
     T_bin_obj, kept = settle_mixed([kinds[k][0] for k in dropped], bin_, drop_seed)
-    state = State(kinds, bin_, dropped[kept], T_bin_obj)
+    state = State(kinds, bin_, dropped[kept], T_bin_obj, fine_pieces([part for part, _ in kinds]))
     first, cycles, idle, reason = len(kept), [], 0, "empty"
     while len(state.of_kind):
         image = np.random.SeedSequence([image_seed, len(cycles)])
@@ -139,7 +140,7 @@ def one_cycle(
     """Images the bin, takes the best grasp, and returns what came of it and the bin afterwards."""
     noise_seed, choice_seed = seed.generate_state(2).tolist()
     found, world, grasps = seen(state, forest, tables, sensor, look, noise_seed)
-    true_bin = TrueBin(state.parts, state.T_bin_obj, state.bin, gripper)
+    true_bin = TrueBin(state.parts, state.T_bin_obj, state.bin, gripper, state.pieces)
     T_bin_cam = np.linalg.inv(camera_above(sensor))
     table = confusion(grasps, true_bin, T_bin_cam, np.random.default_rng(choice_seed), state, found)
     counted = {"parts": len(state.of_kind), "recognised": len(found), "prisms": len(world.prisms), **table}

@@ -19,12 +19,14 @@ PLANES_PER_AXIS = 12  # candidate cuts along each axis
 DEGENERATE = 1e-6  # of the part's volume: slivers under it are dropped
 
 
-def convex_pieces(part: Part, max_pieces: int = MAX_PIECES) -> list[Float[np.ndarray, "points 3"]]:
+def convex_pieces(
+    part: Part, max_pieces: int = MAX_PIECES, excess: float = EXCESS
+) -> list[Float[np.ndarray, "points 3"]]:
     """Vertices [mm] of convex bodies that cover the part, found by cutting along x, y and z.
 
     Greedy: the piece whose hull adds the most volume is cut by the plane that saves the most, until there are
-    `max_pieces` (the last cut may leave a few more) or every hull adds under 1 %. A part whose mesh is not
-    closed becomes one piece, its convex hull.
+    `max_pieces` (the last cut may leave a few more) or every hull adds less than the share `excess` of the part's
+    volume. A part whose mesh is not closed becomes one piece, its convex hull.
     """
     solid = _manifold(part)
     if solid is None:
@@ -34,7 +36,7 @@ def convex_pieces(part: Part, max_pieces: int = MAX_PIECES) -> list[Float[np.nda
     pieces = solid.decompose()
     while pieces and len(pieces) + len(done) < max_pieces:
         piece = pieces.pop(int(np.argmax([_excess(p) for p in pieces])))
-        halves = _best_cut(piece, volume) if _excess(piece) > EXCESS * volume else None
+        halves = _best_cut(piece, volume) if _excess(piece) > excess * volume else None
         if halves is None:
             done.append(piece)
         else:

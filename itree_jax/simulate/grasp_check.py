@@ -11,11 +11,21 @@ from scipy.spatial.transform import Rotation
 from itree_jax.grasp.body import Piece, pieces
 from itree_jax.grasp.gripper import Gripper, Jaw
 from itree_jax.simulate.bin import Bin
-from itree_jax.simulate.settle import METRE, bin_spec, engine
+from itree_jax.simulate.decompose import convex_pieces
+from itree_jax.simulate.settle import METRE, Pieces, bin_spec, engine
 
 STEP = 2.0  # [mm] along the approach: a third of a finger's thickness
 DEEP = 0.3  # [mm]: parts are convex pieces in the engine, which contain the true ones to about this
 SQUEEZE = 1.5  # [mm] that each finger or the cup goes beyond where it should touch: what is held is then touched
+
+
+# Finer than for parts that only have to come to rest: a finger reaches into grooves and corners.
+FINE_PIECES, FINE_EXCESS = 48, 1e-3
+
+
+def fine_pieces(parts: Sequence[Part]) -> Pieces:
+    """Convex pieces that leave a part's grooves and corners open, by `id(part)`."""
+    return {key: convex_pieces(part, FINE_PIECES, FINE_EXCESS) for key, part in {id(p): p for p in parts}.items()}
 
 
 class Touched(NamedTuple):
@@ -29,10 +39,11 @@ class TrueBin:
     """The true parts in the engine, and a gripper to be put anywhere among them."""
 
     def __init__(
-        self, parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin, gripper: Gripper
+        self, parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin, gripper: Gripper,
+        fine: Pieces | None = None,
     ):
         self.mujoco, self.gripper, self.count = engine(), gripper, len(parts)
-        spec = bin_spec(self.mujoco, parts, bin_)
+        spec = bin_spec(self.mujoco, parts, bin_, fine_pieces(parts) if fine is None else fine)
         for geom in spec.geoms:  # nothing but the gripper is looked at
             geom.contype, geom.conaffinity = 0, 1
         self.names = [piece.name for piece in _rigid(gripper, 0.0)]

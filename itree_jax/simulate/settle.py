@@ -1,6 +1,6 @@
 """Parts dropped into a bin by a physics engine (MuJoCo, the extra `sim`)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -13,6 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.decompose import convex_pieces
+
+Pieces = Mapping[int, Sequence[Float[np.ndarray, "points 3"]]]
 
 METRE = 1e-3  # the engine's contact defaults are made for metres
 TIME_STEP = 1e-3  # [s]
@@ -58,11 +60,11 @@ def settle_mixed(
 
 
 def settle_from(
-    parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin
+    parts: Sequence[Part], T_bin_obj: Float[np.ndarray, "parts 4 4"], bin_: Bin, pieces: Pieces | None = None
 ) -> tuple[Float[np.ndarray, "kept 4 4"], Int[np.ndarray, "kept"]]:
     """What lies where once parts at these poses are left to themselves: after one was taken from under others."""
     mujoco = engine()
-    model = bin_spec(mujoco, parts, bin_).compile()
+    model = bin_spec(mujoco, parts, bin_, pieces).compile()
     data = mujoco.MjData(model)
     qpos = data.qpos.reshape(len(parts), 7)
     qpos[:, :3] = T_bin_obj[:, :3, 3] * METRE
@@ -90,8 +92,11 @@ def engine() -> ModuleType:
     return mujoco
 
 
-def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
-    """The bin and the parts, body "part0", "part1", ..., each free to move, for the engine to compile [m]."""
+def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin, pieces: Pieces | None = None) -> Any:
+    """The bin and the parts, body "part0", "part1", ..., each free to move, for the engine to compile [m].
+
+    `pieces` are the parts' convex pieces by `id(part)`, if they are known: to find them takes seconds.
+    """
     spec = mujoco.MjSpec()
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -101,8 +106,8 @@ def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
         geom = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size * METRE, pos=position * METRE)
         _surface(geom)
     kinds = list({id(part): part for part in parts}.values())
-    pieces = [convex_pieces(part) for part in kinds]
-    for kind, of_part in enumerate(pieces):
+    of_kind = [convex_pieces(part) if pieces is None else pieces[id(part)] for part in kinds]
+    for kind, of_part in enumerate(of_kind):
         for i, points in enumerate(of_part):
             spec.add_mesh(
                 name=f"piece{kind}.{i}", uservert=(points * METRE).ravel(),
@@ -113,7 +118,7 @@ def bin_spec(mujoco: Any, parts: Sequence[Part], bin_: Bin) -> Any:
         kind = next(j for j, known in enumerate(kinds) if known is part)
         body = spec.worldbody.add_body(name=f"part{k}", explicitinertial=True, **inertial[kind])
         body.add_freejoint()
-        for i in range(len(pieces[kind])):
+        for i in range(len(of_kind[kind])):
             _surface(body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"piece{kind}.{i}"))
     return spec
 
