@@ -114,11 +114,11 @@ def index_body(directory: Path, ordered: Sequence[IndexEntry]) -> str:
         wrong = sum((e.wrong or 0) + (e.missed or 0) for e in known)
         figures.insert(3, (str(wrong), "poses wrong or missed"))
     cards = "\n".join(card(directory, e, k) for k, e in enumerate(ordered))
-    order = "First scenes without a pose, then (where the truth is known) those with wrong or missed ones, then low best"
+    order = "First scenes without a pose, then (where the truth is known) those with wrong or missed ones, then low"
     return f"""<header><p class="eyebrow">itree-jax · reports</p><h1>{count_of(len(ordered), "scene")}</h1>
 {tiles(figures)}</header>
 <section><h2>Scenes, failures first</h2>
-<p class="muted">{order} scores.</p>
+<p class="muted">{order} best scores.</p>
 {controls(len(ordered))}
 <div class="cards">{cards}</div></section>
 <script>
