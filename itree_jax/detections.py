@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ class Detections:
     scene_id: int = 0
     im_id: int = 0
     labels: Int[np.ndarray, "height width"] | None = field(default=None, repr=False)  # region of a pixel, -1 none
-    not_recognised: tuple[dict[str, Any], ...] = ()  # one per region: {"region": int, "reason": str, ...}
+    # one per region: {"region": int, "reason": str, "height_mm": float, "uv": centroid [px], "pixels": int}
+    not_recognised: tuple[dict[str, Any], ...] = ()
     lights: dict[str, Any] | None = None  # corrections by self-calibration, where it was asked for (plain JSON data)
     interpretations: int = 0  # regions times parts that were asked for attitudes: what the time grows with
 
@@ -136,3 +137,9 @@ class Detections:
     def by_offer(self) -> tuple[Detection, ...]:
         """The order for picking."""
         return tuple(sorted(self.detections, key=lambda d: d.offer_rank))
+
+
+def place_of(mask: Bool[np.ndarray, "height width"]) -> dict[str, Any]:
+    """Where a region lies in the image, for `Detections.not_recognised`: centroid (u, v) and number of its pixels."""
+    v, u = np.nonzero(mask)
+    return {"uv": [float(u.mean()), float(v.mean())] if len(u) else None, "pixels": len(u)}

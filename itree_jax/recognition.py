@@ -22,7 +22,7 @@ from itree_jax.backtracking import (
 )
 from itree_jax.challenge import challenged, settled
 from itree_jax.competition import compete, select
-from itree_jax.detections import Detections
+from itree_jax.detections import Detections, place_of
 from itree_jax.narrowing import judge, narrow
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_reflections import subtract_reflections
@@ -222,7 +222,8 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
             if number in there and number not in recognised:
                 left = any(a.said.left[r].any() for a in of_reading)
                 reason = best_reason(of_reading, r) or (TOO_DARK if not bright[r] else TOO_SMALL if left else NO_PART)
-                unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r])})
+                place = place_of(labels == number)
+                unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
     return Detections(
         describe(answers, forest.root), seconds, labels=labels, not_recognised=tuple(unexplained),
         interpretations=sum(len(a.asked) for a in answers),

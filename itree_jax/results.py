@@ -147,7 +147,7 @@ def _detection_to_json(d: Detection) -> dict[str, Any]:
     covariance = None if d.covariance is None else np.ravel(d.covariance * np.outer(IN_DEGREES, IN_DEGREES))
     return {
         "obj_id": d.obj_id, "score": d.score, "offer_rank": d.offer_rank, "height_mm": d.height,
-        "R": np.ravel(d.R_cam_obj), "t": d.t_cam_obj,
+        "R": np.ravel(d.R_cam_obj), "t": d.t_cam_obj, "T": np.ravel(d.T_cam_obj),
         "rotation_std_deg": degrees, "translation_std_mm": d.translation_std,
         "pixels": {"agreeing": d.agreeing, "contradicting": d.contradicting, "hidden": d.hidden},
         "covariance_deg_mm": covariance,

@@ -121,6 +121,9 @@ def test_what_is_not_recognised_has_its_reason(answers):
         assert len(set(unexplained)) == len(unexplained) < len(regions)
         assert set(unexplained) <= regions
         assert all(entry["reason"] for entry in found.not_recognised)
+        for entry in found.not_recognised:
+            vu = np.argwhere(found.labels == entry["region"])
+            assert (entry["pixels"], entry["uv"]) == (len(vu), vu.mean(axis=0)[::-1].tolist())
 
 
 def test_a_batch_of_images_is_its_images_one_by_one(batch, answers):

@@ -8,7 +8,7 @@ import pytest
 from itree_kernels.errors import ItreeError
 from scipy.spatial.transform import Rotation
 
-from itree_jax.detections import Alternative, Detection, Detections, Step, Unobservable
+from itree_jax.detections import Alternative, Detection, Detections, Step, Unobservable, place_of
 from itree_jax.results import CSV_COLUMNS, RESULTS_VERSION, SCHEMA_PATH, read_bop_csv, write_bop_csv, write_json
 
 SCHEMA = json.loads(SCHEMA_PATH.read_text())
@@ -31,7 +31,8 @@ def images() -> list[Detections]:
     )  # fmt: skip
     second = Detection(12, 0, 2, 0.75, R[1], t[1], offer_rank=1)
     third = Detection(3, 0, 1, 1 / 3, R[2], t[2])
-    lost = ({"region": 5, "reason": "no attitude agrees"},)
+    place = place_of(np.array([[False] * 6, [False, True, True, True, True, False]]))
+    lost = ({"region": 5, "reason": "no attitude agrees", "height_mm": np.nan, **place},)
     return [Detections((first, second), 0.1, 12, 0, np.zeros((2, 2), int), lost), Detections((third,), scene_id=3),
             Detections(scene_id=4)]  # fmt: skip
 
@@ -89,10 +90,15 @@ def test_the_json_follows_its_schema_and_keeps_everything(tmp_path):
     assert document["version"] == RESULTS_VERSION == SCHEMA["properties"]["version"]["const"]
     assert [image["scene_id"] for image in document["images"]] == [3, 4, 12]
     image = document["images"][2]
-    assert image["not_recognised"] == [{"region": 5, "reason": "no attitude agrees"}]
+    assert image["not_recognised"] == [
+        {"region": 5, "reason": "no attitude agrees", "height_mm": None, "uv": [2.5, 1.0], "pixels": 4}
+    ]
     second = image["detections"][1]
     assert (second["offer_rank"], second["score"], second["height_mm"]) == (0, 0.25, 33.0)
     assert second["rotation_std_deg"] == pytest.approx([1, 2, 3])
+    T = np.reshape(second["T"], (4, 4))
+    np.testing.assert_array_equal(T[:3, :3].ravel(), second["R"])
+    np.testing.assert_array_equal(T[:, 3], [*second["t"], 1.0])
     assert second["pixels"] == {"agreeing": 900, "contradicting": 12, "hidden": 40}
     assert second["equivalents"] == [np.eye(4).ravel().tolist()]
     covariance = np.reshape(second["covariance_deg_mm"], (6, 6))

@@ -77,7 +77,7 @@ def write_outputs(folder: Path, tree, scene, truth: "Sequence[TrueObject]", foun
     write_bop_csv([found], folder / "results.csv")
     write_json([found], folder / "results.json")
     write_tree_page(folder / "tree.html", tree)
-    poses = [(o.obj_id, o.R_cam_obj, o.t_cam_obj) for o in truth]
+    poses = [(o.obj_id, o.R_cam_obj, o.t_cam_obj, o.visib_fract) for o in truth]
     write_scene_report(folder / PAGE, scene, found, [tree], poses)
 
 

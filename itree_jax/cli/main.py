@@ -18,6 +18,7 @@ from itree_jax.cli.recognize import Recognize
 from itree_jax.cli.scene import MakeScene
 from itree_jax.cli.show import Show
 from itree_jax.cli.simulate import Simulate
+from itree_jax.cli.view import View
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 VERBS = {
@@ -30,6 +31,7 @@ VERBS = {
     "evaluate": Evaluate,
     "needle": Needle,
     "calibrate-lights": CalibrateLights,
+    "view": View,
     "demo": Demo,
 }
 DESCRIPTION = (

@@ -17,6 +17,7 @@ from itree_jax.cli.terminal import output, progress, say
 
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
+    from itree_jax.grasp import Grasps
     from itree_jax.prepared import Prepared, PreparedForest
     from itree_jax.refinement.self_calibration import SelfCalibration
     from itree_jax.report import IndexEntry
@@ -45,6 +46,8 @@ class Recognize:
     """Write everything about every answer, decision paths included, as JSON."""
     report: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Write a page per scene, and an index."""
+    world: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Write the world model of every scene as GLB and PLY: parts, prisms for what is not recognised, bin."""
     depth: Literal["auto", "file", "stereo", "none"] = "auto"
     """Where depth comes from: the folder's depth map; the second camera (two needle maps); nowhere, so that a part's
     size alone tells how far it is; auto takes the first of these that there is."""
@@ -63,7 +66,7 @@ class Recognize:
     def run(self) -> None:
         """Raises ItreeError about a tree or a scene, before anything is written."""
         self._check()
-        with progress(self.quiet) as tell, _report_folder(self.report) as pages:
+        with progress(self.quiet) as tell, _report_folder(self.report) as pages, _report_folder(self.world) as models:
             tell("loading", 0.0)
             start_jax()
             from itree_jax.prepared import prepare
@@ -81,10 +84,13 @@ class Recognize:
             for k, folder in enumerate(folders):
                 tell(f"scene {folder.name}", k / len(folders))
                 scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
+                grasps = None if planner is None else planner.plan(scene, found, fitting)
+                if grasps is not None:
+                    planned.append((replace(found, labels=None), grasps))
                 if pages is not None:
-                    entries.append(_write_page(pages, scene, found, fitting))
-                if planner is not None:
-                    planned.append((replace(found, labels=None), planner.plan(scene, found, fitting)))
+                    entries.append(_write_page(pages, scene, found, fitting, grasps))
+                if models is not None:
+                    _write_model(models, scene, found, fitting)
                 answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
             tell("writing", 1.0)
             if pages is not None:
@@ -117,6 +123,7 @@ class Recognize:
         check_file(self.grasps)
         check_grasp_options(self.gripper, self.hand_eye, self.grasps)
         check_folder(self.report)
+        check_folder(self.world)
 
 
 def answer(
@@ -304,10 +311,22 @@ def _report_folder(path: Path | None):
     return nullcontext() if path is None else staged_folder(path)
 
 
-def _write_page(pages: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> "IndexEntry":
-    from itree_jax.report import report_scene
+def _write_model(models: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> None:
+    from itree_jax.report import write_world
+    from itree_jax.world import load_bin, world_model
 
-    return report_scene(pages / f"scene_{found.scene_id:06d}.html", scene, found, [p.tree for p in fitting])
+    trees = [p.tree for p in fitting]
+    world = world_model(found, trees, scene.sensor, scene.depth, scene.R_w2c, load_bin(scene))
+    write_world(world, models, f"scene_{found.scene_id:06d}")
+
+
+def _write_page(
+    pages: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]", grasps: "Grasps | None"
+) -> "IndexEntry":
+    from itree_jax.report import report_scene, true_poses
+
+    page, trees = pages / f"scene_{found.scene_id:06d}.html", [p.tree for p in fitting]
+    return report_scene(page, scene, found, trees, true_poses(scene), grasps)
 
 
 def _write_index(pages: Path, entries: "Sequence[IndexEntry]") -> None:

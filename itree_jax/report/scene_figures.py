@@ -7,6 +7,7 @@ from itree_jax.report.markup import figure, image, number, swatches
 from itree_jax.report.palette import AGREE, CONTRADICT, GREY, HIDDEN, css
 from itree_jax.report.pose_pictures import Outlined, magnification, overlay, residual_picture
 from itree_jax.report.pose_render import render_pose
+from itree_jax.report.residual_maps import scale_bar
 from itree_jax.report.scene_pictures import (
     Picture,
     colour_bar,
@@ -25,6 +26,7 @@ from itree_jax.report.tree_tables import light_words
 LIT_WIDTH = 560  # [px] of a lit image on the page
 MAP_WIDTH = 640  # [px] of maps that are shown pixel for pixel
 DRAWING_WIDTH = 1280  # [px] of pictures with thin lines
+SLANTS = (0, 15, 30, 45)  # [deg] in the legend of needles: beyond, most light sets tell nothing
 SLACK = 3.0  # times the tolerance of verification: a contour is steep, and its depth uncertain
 
 
@@ -64,7 +66,7 @@ def overlay_picture(view: SceneView, width: int) -> Picture:
         pose = render_pose(view.meshes[d.obj_id], d.R_cam_obj, d.t_cam_obj, camera, scale)
         if pose is not None:
             drawn.append(Outlined(pose, str(d.offer_rank), p.colour, SLACK * p.allowed.depth))
-    truth = [render_pose(view.meshes[k], R, t, camera, scale) for k, R, t in view.missed if k in view.meshes]
+    truth = [render_pose(view.meshes[k], R, t, camera, scale) for k, R, t, _ in view.missed if k in view.meshes]
     return overlay(scaled(view.background, scale), drawn, in_front(view), [pose for pose in truth if pose is not None])
 
 
@@ -88,6 +90,10 @@ def residual_figure(view: SceneView) -> str:
     )
     if view.scene.depth is None:
         caption = "Each pixel of a rendered pose against its needle. Without a depth map nothing counts as hidden."
+    if view.poses:
+        limit = max((p.allowed for p in view.poses), key=lambda a: a.depth)
+        depth = "" if view.scene.depth is None else f"{number(limit.depth)} mm and "
+        caption += f" To agree is to be within {depth}{number(np.degrees(limit.needle), 0)}°."
     picture = scaled(residual_picture(view.background, codes), magnification(codes.shape[1], MAP_WIDTH))
     return figure(image(picture, "agreeing, contradicting and hidden pixels"), "Residuals", caption, legend)
 
@@ -111,7 +117,18 @@ def needle_line_figure(view: SceneView) -> str:
         "The same needles without colours: each line starts at its dot and points where the surface faces. No line: "
         "the surface faces the camera; the longer the line, the more it is slanted."
     )
-    return figure(image(picture, "needle map as short lines"), "Needle map, as needles", caption)
+    return figure(image(picture, "needle map as short lines"), "Needle map, as needles", caption, slant_legend())
+
+
+def slant_legend() -> str:
+    """Needles of a few slants, beside each other."""
+    shown = "".join(
+        '<li><svg width="34" height="8" viewBox="0 0 34 8" aria-hidden="true">'
+        f'<path d="M3 4h{28 * np.sin(slant):.1f}"/>'
+        f'<circle cx="3" cy="4" r="2"/></svg>{number(np.degrees(slant), 0)}°</li>'
+        for slant in np.radians(SLANTS)
+    )
+    return f'<ul class="legend slants"><li>slant:</li>{shown}</ul>'
 
 
 def depth_figure(view: SceneView) -> str:
@@ -120,9 +137,8 @@ def depth_figure(view: SceneView) -> str:
         return figure('<p class="empty">This scene has no depth map.</p>', "Depth map")
     near, far = depth_range(depth)
     picture = scaled(depth_colours(depth, near, far), magnification(depth.shape[1], MAP_WIDTH))
-    stops = ", ".join(css(c) for c in colour_bar())
-    ticks = "".join(f"<span>{number(near + f * (far - near), 0)} mm</span>" for f in (0.0, 0.25, 0.5, 0.75, 1.0))
-    legend = f'<div class="bar"><i style="background:linear-gradient(to right, {stops})"></i><div>{ticks}</div></div>'
+    ticks = [f"{number(near + f * (far - near), 0)} mm" for f in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    legend = scale_bar(colour_bar(), ticks)
     missing = 100.0 * float(np.mean(depth <= 0))
     caption = f"Depth z along the optical axis; near is bright. Dark grey: no depth ({number(missing)} % of pixels)."
     return figure(image(picture, f"depth from {near:.0f} to {far:.0f} mm"), "Depth map", caption, legend)
@@ -136,8 +152,8 @@ def region_figure(view: SceneView) -> str:
     legend = swatches([*poses, (css(GREY), "not explained")])
     caption = (
         "Connected pieces of surface that the needle map tells about, in the colour of the pose that explains them. "
-        "Region 0 is the highest; floor and bin make regions too. Regions smaller than "
-        f"{number(view.scene.sensor.smallest_region, 0)} mm² are left out."
+        "Region 0 is the highest; floor and bin make regions too; what was read a second time, apart from the poses "
+        f"found first, is counted on. Regions under {number(view.scene.sensor.smallest_region, 0)} mm² are left out."
     )
     if view.detections.labels is None:
         return figure('<p class="empty">These detections carry no regions.</p>', "Regions")

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from itree_jax.detections import Detections
+from itree_jax.grasp import Grasps
 from itree_jax.report.edge_figure import edge_figure
+from itree_jax.report.grasp_bodies import grasp_bodies
 from itree_jax.report.markup import count_of, number, text, tiles, write_page
+from itree_jax.report.residual_maps import residual_maps
 from itree_jax.report.scene_figures import (
     depth_figure,
     lit_figures,
@@ -19,7 +22,9 @@ from itree_jax.report.scene_pictures import DISPLAY_GAMMA
 from itree_jax.report.scene_tables import lost_table, pose_details, pose_table, pose_table_notes
 from itree_jax.report.scene_view import SceneView, scene_view
 from itree_jax.report.svg_tree import TREE_KEY
-from itree_jax.report.truth_view import TruePose
+from itree_jax.report.truth_view import TruePoses
+from itree_jax.report.world_bodies import world_bodies
+from itree_jax.report.world_figure import world_figure, world_script
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
 
@@ -36,18 +41,20 @@ def write_scene_report(
     scene: Scene,
     detections: Detections,
     trees: Sequence[InterpretationTree],
-    truth: Sequence[TruePose] | None = None,
+    truth: TruePoses | None = None,
+    grasps: Grasps | None = None,
 ) -> None:
     """Writes one self-contained HTML page about one scene.
 
     Args:
         path: of the page; its folder is made if it is missing.
         trees: those that recognised the scene, one of every part detected.
-        truth: (obj_id, R, t [mm]) of the instances, model -> camera, when they are known.
+        truth: (obj_id, R, t [mm]) of the instances, model -> camera, when they are known; a visible share may follow.
+        grasps: of the parts, to be drawn with them.
 
     Raises ItreeError when an answer is of a part that no tree is given for, or the page cannot be written.
     """
-    write_scene_view(path, scene_view(scene, detections, trees, truth))
+    write_scene_view(path, scene_view(scene, detections, trees, truth, grasps))
 
 
 def write_scene_view(path: Path, view: SceneView) -> None:
@@ -67,14 +74,29 @@ def scene_body(view: SceneView) -> str:
 <section><h2>Poses</h2>
 <div class="hero">{overlay_figure(view)}{residual_figure(view)}</div>
 {pose_table(view)}
-{pose_table_notes(view) if view.poses else ""}</section>
+{pose_table_notes(view) if view.poses else ""}
+<div class="grid">{residual_maps(view)}</div></section>
+<section><h2>World model</h2>
+{world_model_figure(view)}</section>
 <section><h2>What was measured</h2>
 <div class="grid">{measured_figures(view)}</div>
 {lit_images(view)}</section>
 {decisions(view)}
 <section><h2>Regions without a pose of their own</h2>
 {lost_table(view)}</section>
-<footer>{setup(view)}</footer>"""
+<footer>{setup(view)}</footer>
+{world_script()}"""
+
+
+def world_model_figure(view: SceneView) -> str:
+    bodies, stage = world_bodies(view.world)
+    if view.grasps is not None:
+        bodies += grasp_bodies(view.grasps)
+    caption = (
+        "Recognised parts as CAD solids, in the colours of the overlay; grey prisms stand for surface that is seen but "
+        "not interpreted, from its height down to the floor."
+    )
+    return world_figure(bodies, stage, "World model, to be turned", caption)
 
 
 def measured_figures(view: SceneView) -> str:

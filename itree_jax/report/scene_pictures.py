@@ -102,16 +102,20 @@ def depth_range(depth: Float[np.ndarray, "h w"]) -> tuple[float, float]:
 
 def depth_colours(depth: Float[np.ndarray, "h w"], near: float, far: float) -> Picture:
     """Near is bright, far is dark (viridis); dark grey where there is no depth."""
-    level = np.clip(np.round(255.0 * (far - np.asarray(depth, float)) / (far - near)), 0, 255).astype(np.uint8)
-    picture = cv2.cvtColor(cv2.applyColorMap(level, VIRIDIS), cv2.COLOR_BGR2RGB)
+    picture = viridis((far - np.asarray(depth, float)) / (far - near))
     picture[~(depth > 0)] = NOTHING
     return picture
 
 
+def viridis(level: Float[np.ndarray, "h w"]) -> Picture:
+    """Colours of levels 0 (dark) to 1 (bright): their lightness rises evenly, so that everybody can order them."""
+    grey = np.clip(np.round(255.0 * level), 0, 255).astype(np.uint8)
+    return cv2.cvtColor(cv2.applyColorMap(grey, VIRIDIS), cv2.COLOR_BGR2RGB)
+
+
 def colour_bar(stops: int = 9) -> list[Rgb]:
     """Colours of `depth_colours` from near to far, evenly spaced."""
-    level = np.round(np.linspace(255, 0, stops)).astype(np.uint8)[:, None]
-    rgb = cv2.cvtColor(cv2.applyColorMap(level, VIRIDIS), cv2.COLOR_BGR2RGB)[:, 0]
+    rgb = viridis(np.linspace(1.0, 0.0, stops)[:, None])[:, 0]
     return [(int(r), int(g), int(b)) for r, g, b in rgb]
 
 
@@ -131,7 +135,7 @@ def region_picture(
     change[:, 1:] |= enlarged[:, 1:] != enlarged[:, :-1]
     change[1:] |= enlarged[1:] != enlarged[:-1]
     picture[change] = 255
-    for k in range(count):
+    for k in np.unique(labels[inside]).tolist():  # a second reading may have taken all pixels of a region
         badge(picture, scaled_uv(innermost(labels == k), scale), str(k), colours[k], 0.4 * scale)
     return picture
 

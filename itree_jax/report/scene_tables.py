@@ -60,9 +60,12 @@ def not_measured(d: Detection) -> str:
 
 def truth_cell(view: SceneView, k: int) -> str:
     assert view.comparison is not None
-    right = view.comparison.found[k] >= 0
-    mark = '<span class="chip taken">✓ right</span>' if right else '<span class="chip warn">✗ wrong</span>'
-    return f"{number(float(view.comparison.error[k]), 1)} {mark}"
+    mark = '<span class="chip warn">✗ wrong</span>'
+    if view.comparison.found[k] >= 0:
+        mark = '<span class="chip taken">✓ right</span>'
+    elif view.comparison.other_right[k]:
+        mark = '<span class="chip">≈ its other pose is right</span>'
+    return f"{number(float(view.comparison.error[k]), 1)}<br>{mark}"
 
 
 def pose_table_notes(view: SceneView) -> str:
@@ -136,23 +139,25 @@ def lost_table(view: SceneView) -> str:
     lost = sorted(view.detections.not_recognised, key=lambda e: (explainer(view, e) is not None, int(e["region"])))
     if not lost:
         return '<p class="muted">Every region gave a pose.</p>'
-    areas = np.bincount(view.labels[view.labels >= 0], minlength=view.region_count)
+    areas = np.bincount(view.labels[view.labels >= 0], minlength=len(view.region_pose))
     rows = []
     for entry in lost:
         region = int(entry["region"])
         area = str(areas[region]) if 0 <= region < len(areas) else NOT_KNOWN
         height = entry.get("height_mm")
+        place = np.argwhere(view.labels == region)[:, ::-1]
+        uv = f"{place[:, 0].mean():.0f}, {place[:, 1].mean():.0f}" if len(place) else NOT_KNOWN
         rank = explainer(view, entry)
         by = '<span class="chip warn">no pose</span>' if rank is None else f'<a href="#pose-{rank}">pose {rank}</a>'
         reason = text(entry.get("reason", ""))
-        rows.append([str(region), by, reason, number(None if height is None else float(height)), area])
-    head = ["region", "explained by", "why its own poses were not accepted", "height [mm]", "area [px]"]
-    return table(head, rows, numeric=(0, 3, 4))
+        rows.append([str(region), by, reason, uv, number(None if height is None else float(height)), area])
+    head = ["region", "explained by", "why its own poses were not accepted", "at u, v [px]", "height [mm]", "area [px]"]
+    return table(head, rows, numeric=(0, 3, 4, 5))
 
 
 def explainer(view: SceneView, entry: dict[str, Any]) -> int | None:
     """Offer rank of the pose that explains a region; None if none does."""
     region = int(entry["region"])
-    if not 0 <= region < view.region_count or view.region_pose[region] < 0:
+    if not 0 <= region < len(view.region_pose) or view.region_pose[region] < 0:
         return None
     return view.poses[view.region_pose[region]].detection.offer_rank

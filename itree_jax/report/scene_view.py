@@ -9,15 +9,17 @@ from itree_kernels.mesh import RayMesh, ray_mesh
 from jaxtyping import Float, Int
 
 from itree_jax.detections import Detection, Detections
+from itree_jax.grasp import Grasps
 from itree_jax.report.palette import Rgb, cycle
 from itree_jax.report.pose_render import RenderedPose, render_pose
 from itree_jax.report.residuals import Allowed, Codes, Residuals, allowed, combined, explained_regions, residual_codes
 from itree_jax.report.scene_pictures import Picture, displayed, white_level
-from itree_jax.report.truth_view import Comparison, TruePose, compare
+from itree_jax.report.truth_view import Comparison, TruePose, TruePoses, as_true_pose, compare
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.tree.tree import InterpretationTree
+from itree_jax.world import World, load_bin, world_model
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,8 @@ class SceneView:
     trees: dict[int, InterpretationTree]
     truth: tuple[TruePose, ...]
     comparison: Comparison | None  # of `poses` with the truth, if it is known
+    world: World
+    grasps: Grasps | None  # where they were asked for
 
     @property
     def missed(self) -> tuple[TruePose, ...]:
@@ -58,16 +62,19 @@ class SceneView:
 
     @property
     def region_count(self) -> int:
-        return len(self.region_pose)
+        """Regions that are in the picture: a second reading may have taken all pixels of one of the first's."""
+        return len(np.unique(self.labels[self.labels >= 0]))
 
 
 def scene_view(
     scene: Scene,
     detections: Detections,
     trees: Sequence[InterpretationTree],
-    truth: Sequence[TruePose] | None = None,
+    truth: TruePoses | None = None,
+    grasps: Grasps | None = None,
 ) -> SceneView:
-    """Raises ItreeError when an answer is of a part that no tree is given for."""
+    """Raises ItreeError when an answer is of a part that no tree is given for, or the scene's bin file is wrong."""
+    true = None if truth is None else [as_true_pose(pose) for pose in truth]
     by_id = {tree.obj_id: tree for tree in trees}
     unknown = sorted({d.obj_id for d in detections} - set(by_id))
     if unknown:
@@ -76,7 +83,7 @@ def scene_view(
             "every part recognised"
         )
     needle = read_needles(scene.images, scene.sensor, scene.depth)
-    used = {d.obj_id for d in detections} | {obj_id for obj_id, _, _ in truth or () if obj_id in by_id}
+    used = {d.obj_id for d in detections} | {pose.obj_id for pose in true or () if pose.obj_id in by_id}
     meshes = {k: part_mesh(by_id[k]) for k in sorted(used)}
     offered = detections.by_offer
     images = scene.images if len(scene.images) else head_light(needle)[None]
@@ -90,8 +97,10 @@ def scene_view(
         background=displayed(images.mean(axis=0), white),
         labels=labels, poses=poses, residuals=residuals,
         region_pose=explained_regions(labels, residuals, int(labels.max(initial=-1)) + 1)[0],
-        meshes=meshes, trees=by_id, truth=tuple(truth or ()),
-        comparison=None if truth is None else compare(offered, truth, by_id),
+        meshes=meshes, trees=by_id, truth=tuple(true or ()),
+        comparison=None if true is None else compare(offered, true, by_id),
+        world=world_model(detections, trees, scene.sensor, scene.depth, scene.R_w2c, load_bin(scene)),
+        grasps=grasps,
     )  # fmt: skip
 
 

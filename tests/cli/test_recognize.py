@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 from itree_kernels.errors import ItreeError
 
 from itree_jax.cli.recognize import fitting_trees
@@ -53,7 +54,7 @@ def recognised(bin_dataset, paper_tree_file, tmp_path_factory):
     """The whole verb in a process of its own, with a page per scene."""
     out = tmp_path_factory.mktemp("out")
     words = ["recognize", bin_dataset, paper_tree_file, "-o", out / "r.csv"]
-    words += ["--json", out / "r.json", "--report", out / "pages"]
+    words += ["--json", out / "r.json", "--report", out / "pages", "--world", out / "world"]
     done = subprocess.run(
         [sys.executable, "-c", RUN, *map(str, words)], capture_output=True, text=True, timeout=240, check=False,
         env={**os.environ, "PYTHONWARNINGS": "error"},
@@ -93,6 +94,18 @@ def test_the_report_has_a_page_per_scene_and_an_index(recognised):
     _, out = recognised
     assert sorted(p.name for p in (out / "pages").iterdir()) == ["index.html", "scene_000042.html"]
     assert "scene_000042.html" in (out / "pages" / "index.html").read_text(encoding="utf-8")
+
+
+def test_the_world_model_is_written_with_the_poses_of_the_csv_file(recognised):
+    _, out = recognised
+    assert sorted(p.name for p in (out / "world").iterdir()) == ["scene_000042.glb", "scene_000042.ply"]
+    read = trimesh.load_scene(out / "world" / "scene_000042.glb")
+    parts = [name for name in read.graph.nodes_geometry if name.startswith("pose")]
+    t = np.stack([read.graph.get(name, "camera")[0][:3, 3] for name in parts])
+    expected = read_bop_csv(out / "r.csv").t
+    assert len(t) == len(expected)
+    distance = np.linalg.norm(t[:, None] - expected[None], axis=-1)
+    assert distance.min(axis=0).max() < 1e-3
 
 
 def test_every_scene_is_answered_under_its_number(itree, scenes, paper_tree_file, answers, tmp_path):

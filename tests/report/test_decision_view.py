@@ -16,7 +16,7 @@ from itree_jax.report.decision_view import decision_path_view, samples_of_sides,
 from itree_jax.report.distribution_strip import BINS, WIDTH, distribution_strip
 from itree_jax.report.markup import count_of, data_uri, number, percent
 from itree_jax.report.rule_titles import rule_title
-from itree_jax.report.truth_view import compare
+from itree_jax.report.truth_view import TruePose, compare
 from itree_jax.tree.classification_rules import CLASSIFICATION_RULES
 from itree_jax.tree.determination_family import DETERMINATION_RULES
 from itree_jax.tree.node_quantities import node_quantities, side_samples
@@ -151,14 +151,14 @@ def test_the_truth_is_matched_up_to_the_part_s_symmetries(tree):
     flip[:3, :3] = Rotation.from_euler("z", 180, degrees=True).as_matrix()
     R, t = Rotation.random(random_state=0).as_matrix(), np.array([1.0, 2.0, 400.0])
     turned = Detection(0, 0, tree.obj_id, 0.5, R @ flip[:3, :3], t)
-    shifted = Detection(0, 0, tree.obj_id, 0.9, R, t + np.array([0.0, 3.0, 4.0]))
+    shifted = Detection(0, 0, tree.obj_id, 0.9, R, t + np.array([0.0, 1.8, 2.4]))
     symmetric = replace(tree, symmetries=Symmetries(np.stack([np.eye(4), flip]), ()))
-    result = compare([turned, shifted], [(tree.obj_id, R, t)], {tree.obj_id: symmetric})
-    np.testing.assert_allclose(result.error, [0.0, 5.0], atol=1e-9)
+    result = compare([turned, shifted], [TruePose(tree.obj_id, R, t)], {tree.obj_id: symmetric})
+    np.testing.assert_allclose(result.error, [0.0, 3.0], atol=1e-9)
     assert result.found == (-1, 0)  # one to one, the better score first
-    plain = compare([turned], [(tree.obj_id, R, t)], {tree.obj_id: tree})
+    plain = compare([turned], [TruePose(tree.obj_id, R, t)], {tree.obj_id: tree})
     assert plain.error[0] > 20.0
     assert plain.found == (-1,)
-    none = compare([turned], [(99, R, t)], {tree.obj_id: tree})
+    none = compare([turned], [TruePose(99, R, t)], {tree.obj_id: tree})
     assert none.error[0] == np.inf
     assert none.found == (-1,)

@@ -1,6 +1,7 @@
 """The index: failures first, links that lead to the pages."""
 
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +13,9 @@ from itree_jax.detections import Detections
 from itree_jax.report.index_page import IndexEntry, report_scene, write_index
 from itree_jax.report.scene_page import write_scene_report
 
+from .chromium import ask
+
+MOST_BYTES = 10_000_000
 PICTURE = np.zeros((6, 8, 3), np.uint8)
 
 
@@ -41,6 +45,47 @@ def test_the_page_lists_all_scenes_in_that_order(tmp_path, self_contained):
     assert page.text.count("nothing recognised") == 2
     assert page.text.count("low score") == 1
     assert "4 scenes" in page.text
+
+
+def test_what_the_truth_calls_wrong_or_missed_comes_right_after_what_has_no_pose():
+    fine, none = entry(0, 0.3), entry(1, None)
+    missed, wrong = replace(entry(2, 0.9), wrong=0, missed=1), replace(entry(3, 0.99), wrong=2, missed=1)
+    right, doubtful = replace(entry(4, 0.9), wrong=0, missed=0), replace(entry(5, 0.9), wrong=0, missed=0, ambiguous=1)
+    ordered = sorted([fine, none, missed, wrong, right, doubtful], key=lambda e: e.order)
+    assert [e.scene_id for e in ordered] == [1, 3, 2, 0, 5, 4]
+    assert [e.failed for e in ordered] == [True] * 3 + [False] * 3
+
+
+def test_200_scenes_are_light_fast_and_are_sorted_and_filtered_in_a_browser(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 60, (240, 320, 3), np.uint8)
+    entries = [
+        replace(entry(k, None if k % 50 == 0 else 0.4 + k / 400), thumbnail=noise, ambiguous=int(k % 20 == 3), time=k)
+        for k in range(200)
+    ]
+    write_index(tmp_path, entries)
+    path = tmp_path / "index.html"
+    assert path.stat().st_size < MOST_BYTES
+    said = ask(path, """
+        const cards = () => [...document.querySelectorAll('.cards a')];
+        const shown = () => cards().filter(a => !a.hidden).map(a => +a.dataset.scene);
+        const set = (name, value) => { const c = document.querySelector(`.filters [name=${name}]`); c.value = value;
+                                       c.dispatchEvent(new Event('input')); };
+        const first = shown(); set('sort', 'time'); const slow = shown();
+        set('show', 'ambiguous'); const doubtful = shown();
+        set('show', 'failed'); const failed = shown(); set('show', ''); set('find', '0017'); const one = shown();
+        return {first, slow, doubtful, failed, one, told: document.querySelector('.filters output').textContent,
+                wide: document.documentElement.scrollWidth,
+                loaded: performance.getEntriesByType('navigation')[0].domContentLoadedEventEnd};
+    """, tmp_path, 390)  # fmt: skip
+    assert said["wrong"] == said["console"] == []
+    assert said["first"][:5] == [0, 50, 100, 150, 1]
+    assert said["slow"] == list(range(199, -1, -1))
+    assert sorted(said["doubtful"]) == list(range(3, 200, 20))
+    assert sorted(said["failed"]) == [0, 50, 100, 150]
+    assert sorted(said["one"]) == [17, 117, *range(170, 180)]
+    assert said["told"] == "12 of 200 scenes"
+    assert said["wide"] <= 390
+    assert said["loaded"] < 2000.0
 
 
 def test_no_scene_is_an_empty_index(tmp_path, self_contained):

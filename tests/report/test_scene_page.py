@@ -1,5 +1,6 @@
 """The page of a scene: complete, self-contained, the same bytes twice."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from itree_kernels.errors import ItreeError
 
 from itree_jax.detections import Alternative, Detections, Unobservable
 from itree_jax.report.scene_page import write_scene_report
+from itree_jax.report.truth_view import TruePose, compare, true_poses
 
 MOST_BYTES = 3_000_000  # for 640 x 480 px
 
@@ -26,8 +28,9 @@ def test_every_answer_is_there_with_its_path_drawn(tmp_path, scene, detections, 
     assert page.count("svg", "strip") == 2 * 2  # two measured quantities of one two-sided step, in two answers
     assert page.text.count("▼ margin \N{MINUS SIGN}1.25 nat") == 2
     assert "∞" in page.text  # the direction that nothing binds
-    # one for each light; overlay, residuals, needles twice and their legend, depth, edges, regions; one for each pose
-    assert page.count("img") == 3 + 8 + 2
+    # one for each light; overlay, residuals, those of needles and depth, the world; needles twice and their legend,
+    # depth, edges, regions; one for each pose
+    assert page.count("img") == 3 + 8 + 3 + 2
     assert "Scene 7, image 0" in page.text
     assert "0.5 s" in page.text
 
@@ -96,7 +99,7 @@ def test_the_truth_is_compared(tmp_path, scene, detections, tree, poses, self_co
     page = self_contained(written(tmp_path / "s.html", scene, detections, [tree], truth))
     assert "1 of 2" in page.text
     assert page.text.count("✓ right") == 1
-    assert page.text.count("30.0 ✗ wrong") == 1
+    assert page.text.count("30.0✗ wrong") == 1
     assert "true poses that were not found" in page.text
 
 
@@ -110,3 +113,33 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, scene, detections
     (tmp_path / "file").write_text("")
     with pytest.raises(ItreeError, match="cannot be written"):
         write_scene_report(tmp_path / "file" / "s.html", scene, detections, [tree])
+
+
+def test_the_truth_of_a_scene_s_folder_is_read(tmp_path, scene, poses):
+    entries = [
+        {"obj_id": 1, "cam_R_m2c": R.ravel().tolist(), "cam_t_m2c": t.tolist()} for R, t in zip(*poses, strict=True)
+    ]
+    there = replace(scene, folder=tmp_path, im_id=2)
+    assert true_poses(scene) is None
+    assert true_poses(there) is None
+    (tmp_path / "scene_gt.json").write_text(json.dumps({"2": entries}))
+    found = true_poses(there)
+    assert [pose.visible for pose in found] == [1.0, 1.0]
+    np.testing.assert_array_equal(found[1].R, poses[0][1])
+    np.testing.assert_array_equal(found[1].t, poses[1][1])
+    (tmp_path / "scene_gt_info.json").write_text(json.dumps({"2": [{"visib_fract": 0.25}, {}]}))
+    assert [pose.visible for pose in true_poses(there)] == [0.25, 1.0]
+    for wrong in ({"2": [{"obj_id": 1}] * 2}, {"2": entries[:1]}, []):
+        (tmp_path / "scene_gt.json").write_text(json.dumps(wrong))
+        with pytest.raises(ItreeError, match=r"scene_gt\.json: true poses as obj_id"):
+            true_poses(there)
+
+
+def test_an_ambiguous_answer_whose_other_pose_is_right_is_neither_right_nor_wrong(scene, detections, tree, poses):
+    first, second = detections
+    turned = replace(first, t_cam_obj=first.t_cam_obj + 30.0, alternatives=(Alternative(first.T_cam_obj, 0.4),))
+    truth = [TruePose(tree.obj_id, R, t) for R, t in zip(*poses, strict=True)]
+    result = compare([turned, second], truth, {tree.obj_id: tree})
+    assert (result.found, result.other_right, result.wrong) == ((-1, 1), (True, False), 0)
+    sure = replace(turned, alternatives=())
+    assert compare([sure, second], truth, {tree.obj_id: tree}).wrong == 1
