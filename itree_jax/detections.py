@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+TOO_DARK = "it is darker than the parts"  # why a region is no part's: bin or floor
+
 
 @dataclass(frozen=True)
 class Step:
@@ -105,6 +107,7 @@ class Detections:
     scene_id: int = 0
     im_id: int = 0
     labels: Int[np.ndarray, "height width"] | None = field(default=None, repr=False)  # region of a pixel, -1 none
+    depth: Float[np.ndarray, "height width"] | None = field(default=None, repr=False)  # [mm] by map or stereo, 0 none
     # one per region: {"region": int, "reason": str, "height_mm": float, "uv": centroid [px], "pixels": int}
     not_recognised: tuple[dict[str, Any], ...] = ()
     lights: dict[str, Any] | None = None  # corrections by self-calibration, where it was asked for (plain JSON data)

@@ -22,7 +22,7 @@ from itree_jax.backtracking import (
 )
 from itree_jax.challenge import challenged, settled
 from itree_jax.competition import compete, select
-from itree_jax.detections import Detections, place_of
+from itree_jax.detections import TOO_DARK, Detections, place_of
 from itree_jax.narrowing import judge, narrow
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_reflections import subtract_reflections
@@ -47,7 +47,6 @@ from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
-TOO_DARK = "it is darker than the parts"
 TOO_SMALL = "it is much smaller than the part's regions"
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
@@ -225,7 +224,7 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
     return Detections(
-        describe(answers, forest.root), seconds, labels=labels, not_recognised=tuple(unexplained),
+        describe(answers, forest.root), seconds, labels=labels, depth=sight.depth, not_recognised=tuple(unexplained),
         interpretations=sum(len(a.asked) for a in answers),
     )
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import itree_jax
 from itree_jax.compile import compile_tree
-from itree_jax.detections import Detections
+from itree_jax.detections import TOO_DARK, Detections
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
-from itree_jax.recognition import TOO_DARK, as_forest, recognize
+from itree_jax.recognition import as_forest, recognize
 from itree_jax.root_answer import NO_PART
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.simulate.bin import Bin

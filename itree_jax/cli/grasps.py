@@ -23,7 +23,7 @@ class GraspPlanner:
     tables: "dict[int, GraspTable]" = field(default_factory=dict)
 
     def plan(self, scene: "Scene", found: "Detections", fitting: "list[Prepared]") -> "Grasps":
-        """The grasps of a scene. Where its depth comes from two cameras, heights are taken as unknown."""
+        """The grasps of a scene."""
         from itree_jax.grasp import find_grasps, grasp_tables
         from itree_jax.world import load_bin, world_model
 

@@ -86,12 +86,12 @@ class Recognize:
                 scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
                 grasps = None if planner is None else planner.plan(scene, found, fitting)
                 if grasps is not None:
-                    planned.append((replace(found, labels=None), grasps))
+                    planned.append((replace(found, labels=None, depth=None), grasps))
                 if pages is not None:
                     entries.append(_write_page(pages, scene, found, fitting, grasps))
                 if models is not None:
                     _write_model(models, scene, found, fitting)
-                answers.append(replace(found, labels=None))  # a label image per scene would fill the memory
+                answers.append(replace(found, labels=None, depth=None))  # a label image per scene would fill the memory
             tell("writing", 1.0)
             if pages is not None:
                 _write_index(pages, entries)

@@ -12,7 +12,7 @@ import numpy as np
 from itree_cad.part import Part
 from jaxtyping import Bool, Float
 
-from itree_jax.detections import Detection, Detections
+from itree_jax.detections import TOO_DARK, Detection, Detections
 from itree_jax.sensor import Sensor
 from itree_jax.tree.tree import InterpretationTree
 from itree_jax.world.bin_walls import BinWalls
@@ -77,7 +77,7 @@ def world_model(
         detections: with their `labels`, as `recognize` returns them.
         trees: of the parts that were looked for.
         sensor: that took the image.
-        depth: z [mm] per pixel, 0 = none; a map, or what two cameras gave.
+        depth: z [mm] per pixel, 0 = none; None: what `detections` were found by, a map or two cameras' match.
         R_w2c: world (z up) to camera; None: the camera looks straight down.
         bin_: walls and floor, if they are known; else the floor is the lowest that is seen, and walls are prisms.
 
@@ -85,11 +85,12 @@ def world_model(
     or the bin show most of it. Surface that is seen in depth but belongs to no such region (a steep side, a shadow, the
     half of a region that another part's pose leaves over) is prisms too: the paper leaves it out, a gripper must not.
 
-    Without any depth the height of a region isn't known. It is taken to be as high as the highest placed part (or, with
-    none, one diameter above the floor), and its prism holds the region's outline at any depth from there to the floor,
-    which is the plane at the working distance, or lower where a placed part reaches lower. Regions called darker than
-    the parts are then taken for bin and floor.
+    Where a region has no depth, its height isn't known. It is taken to be as high as the highest placed part (or, with
+    none, one diameter above the floor), and its prism holds the region's outline at any depth from there to the floor;
+    without any depth that is the plane at the working distance, or lower where a placed part reaches lower. Regions
+    called darker than the parts are then taken for bin and floor.
     """
+    depth = detections.depth if depth is None else depth
     R_cam_up = np.diag([1.0, -1.0, -1.0]) if R_w2c is None else np.asarray(R_w2c, float)
     of_object = {tree.obj_id: tree.part for tree in trees}
     parts = tuple(PlacedPart(k, d, of_object[d.obj_id]) for k, d in enumerate(detections.by_offer))
@@ -99,12 +100,11 @@ def world_model(
     if labels is not None:
         placed = [(p.part, p.T_cam_obj) for p in parts]
         known = explained(depth, placed, bin_, sensor.camera)
-        if depth is None:
-            diameter = max((part.diameter for part in of_object.values()), default=0.0)
-            top = max((float((p.X_cam @ R_cam_up[:, 2]).max()) for p in parts), default=floor + diameter)
-            prisms = _prisms_of_unknown_height(detections, known, sensor, R_cam_up, floor, top)
-        else:
-            prisms = _prisms_by_depth(detections, known, np.asarray(depth, float), sensor, R_cam_up, floor)
+        diameter = max((part.diameter for part in of_object.values()), default=0.0)
+        top = max((float((p.X_cam @ R_cam_up[:, 2]).max()) for p in parts), default=floor + diameter)
+        prisms = _prisms_of_unknown_height(detections, known, depth, sensor, R_cam_up, floor, top)
+        if depth is not None:
+            prisms += _prisms_by_depth(detections, known, np.asarray(depth, float), sensor, R_cam_up, floor)
     return World(parts, tuple(prisms), bin_, R_cam_up, floor)
 
 
@@ -147,17 +147,17 @@ def _prisms_by_depth(
 
 
 def _prisms_of_unknown_height(
-    detections: Detections, known: Bool[np.ndarray, "height width"], sensor: Sensor,
-    R_cam_up: Float[np.ndarray, "3 3"], floor: float, top: float,
+    detections: Detections, known: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None,
+    sensor: Sensor, R_cam_up: Float[np.ndarray, "3 3"], floor: float, top: float,
 ) -> list[Prism]:
-    """Of the regions without a pose, where no depth was measured: as tall as anything that is known."""
-    from itree_jax.recognition import TOO_DARK
-
+    """Of the regions without a pose of which no depth was measured: as tall as anything that is known."""
     labels = detections.labels
     assert labels is not None
     prisms: list[Prism] = []
     for one in detections.not_recognised:
         seen = labels == one["region"]
+        if depth is not None and (depth[seen] > 0).any():
+            continue
         if one["reason"] == TOO_DARK or not seen.any() or known[seen].mean() > MOSTLY:
             continue
         # the region's outline at any depth between: its hull is that of the outlines at both ends

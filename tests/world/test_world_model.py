@@ -107,6 +107,21 @@ def test_without_depth_a_region_is_as_tall_as_the_highest_part_and_wide_enough_a
         assert inside.all()
 
 
+def test_the_depth_that_parts_were_found_by_serves_where_no_map_is_given(two_parts):
+    """As two cameras give it: a region that it leaves out is of unknown height, and none is forgotten."""
+    scene, truth, labels, _ = two_parts
+    found = found_at(truth[:1], labels, REGIONS)
+    matched = np.where(labels >= 0, scene.depth, 0.0).astype(np.float32)
+    (by_map,) = (p for p in world_model(found, [Tree], SENSOR, matched, scene.R_w2c).prisms if p.region == 1)
+    found = replace(found, depth=matched)
+    (by_match,) = (p for p in world_model(found, [Tree], SENSOR, None, scene.R_w2c).prisms if p.region == 1)
+    assert by_match.top == by_map.top
+    found = replace(found, depth=np.where(labels == 1, 0.0, matched).astype(np.float32))
+    world = world_model(found, [Tree], SENSOR, None, scene.R_w2c)
+    (unknown,) = (p for p in world.prisms if p.region == 1)
+    assert unknown.top == pytest.approx(max(part.X_cam @ world.up_cam for part in world.parts).max())
+
+
 def _inside(corners, points):
     side = np.roll(corners, -1, axis=0) - corners
     return np.all([s[0] * (points[:, 1] - c[1]) - s[1] * (points[:, 0] - c[0]) > -1e-6
