@@ -22,7 +22,7 @@ def score(
     detection: Detection, candidate: Candidate, gripper: Gripper, clearance: float, height: float, highest: float,
     diameter: float, axes: Sequence[Axis] = (),
 ) -> float:
-    """0 to 1, a product: the answer's own score; the share of belief that its alternative poses leave to it; the
+    """0 to 1, a product: the answer's own score, which its alternative poses have taken their share of; the
     probability that the open jaw (or the cup) comes down where the part is, by the pose's covariance; the clearance
     [mm], half at 2 mm; how much of the pads touches and how far from the centre of mass; and the height [mm] of the
     grasp above the floor, half at the floor.
@@ -30,8 +30,7 @@ def score(
     sure = fits(detection, candidate, gripper, axes)
     room = clearance / (clearance + HALF_CLEAR)
     high = LOWEST + (1.0 - LOWEST) * float(np.clip(height / highest, 0.0, 1.0)) if highest > 0 else 1.0
-    own = 1.0 - sum(other.share for other in detection.alternatives)
-    return float(detection.score * own * sure * room * quality(candidate, diameter) * high)
+    return float(detection.score * sure * room * quality(candidate, diameter) * high)
 
 
 def fits(detection: Detection, candidate: Candidate, gripper: Gripper, axes: Sequence[Axis] = ()) -> float:
