@@ -107,11 +107,11 @@ class Detections:
     scene_id: int = 0
     im_id: int = 0
     labels: Int[np.ndarray, "height width"] | None = field(default=None, repr=False)  # region of a pixel, -1 none
-    depth: Float[np.ndarray, "height width"] | None = field(default=None, repr=False)  # [mm] by map or stereo, 0 none
     # one per region: {"region": int, "reason": str, "height_mm": float, "uv": centroid [px], "pixels": int}
     not_recognised: tuple[dict[str, Any], ...] = ()
     lights: dict[str, Any] | None = None  # corrections by self-calibration, where it was asked for (plain JSON data)
     interpretations: int = 0  # regions times parts that were asked for attitudes: what the time grows with
+    depth: Float[np.ndarray, "height width"] | None = field(default=None, repr=False)  # [mm] by map or stereo, 0 none
 
     def __len__(self) -> int:
         return len(self.detections)

@@ -95,8 +95,11 @@ def test_mixed_parts_are_found_each_under_its_number(mixed, cases):
     for d in mixed:
         k = cases[2].obj_id.index(d.obj_id)
         np.testing.assert_allclose(d.t_cam_obj, cases[2].t_cam_obj[k], atol=0.5)
-        cosine = (np.trace(d.R_cam_obj.T @ cases[2].R_cam_obj[k]) - 1.0) / 2.0
-        assert cosine > np.cos(np.radians(1.0))
+        # the paper's part shows nothing here that tells it from its half turn: then both poses are named
+        poses = [d.R_cam_obj, *(other.T_cam_obj[:3, :3] for other in d.alternatives)]
+        cosine = [(np.trace(R.T @ cases[2].R_cam_obj[k]) - 1.0) / 2.0 for R in poses]
+        assert max(cosine) > np.cos(np.radians(1.0))
+        assert d.obj_id == 1 or not d.alternatives
 
 
 def test_fewer_parts_are_asked_for_than_there_are(mixed):
