@@ -19,7 +19,7 @@ from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
-from itree_jax.sensing.segments import depth_segments
+from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas
 from itree_jax.sight import Sight
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.representative import roll_rotation
@@ -78,11 +78,26 @@ def every_attitude(
     R = np.einsum("rca,kab->rkcb", R_ray_cam[asked], R_ray_obj)
     count = len(R_ray_obj)
     region, row = np.repeat(asked, count), np.tile(with_row[1][nearest], len(asked))
-    t = np.repeat(sight.segment_centre[asked], count, axis=0)
+    t = np.repeat(open_centres(prepared, sight, asked), count, axis=0)
     poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.astype(np.float32))
     shown = visible_centres(poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
     poses = Hypotheses(poses.R_cam_obj, (2.0 * t - shown).astype(np.float32))
     return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
+
+
+def open_centres(
+    prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]
+) -> Float[np.ndarray, "asked 3"]:
+    """Where the surface of a part lies that holds a region [mm]: in the middle of what hangs together with it, or of
+    the region itself where that is more than a part can show, as in a pile of parts that touch.
+    """
+    found = sight.found
+    if sight.depth is None:
+        return sight.segment_centre[asked]
+    most = np.pi / 4.0 * prepared.tree.part.diameter**2
+    own = sight.sensor.camera.unproject(found.centroid_uv[asked], found.mean_depth[asked])
+    pile = segment_areas(found.labels, sight.depth, sight.sensor)[asked] > most
+    return np.where(pile[:, None], own, sight.segment_centre[asked])
 
 
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
@@ -98,7 +113,7 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     if sight.lit is not None and depth is not None and sight.kind == "depth":
         normals = depth_needles(depth, sight.sensor.camera, sight.noise)
         free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
-        labels = np.where(free, depth_segments(depth, sight.sensor), 0)
+        labels = faces_of_segments(np.where(free, depth_segments(depth, sight.sensor), 0), normals.normals)
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
         fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
         needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))

@@ -2,10 +2,12 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensing.depth_steps import depth_step_limit
 from itree_jax.sensor import Sensor
+
+FOLD, FOLD_REACH = np.radians(20.0), 2  # between normals this many pixels apart: five deviations of a depth map's
 
 
 def depth_segments(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> Int[np.ndarray, "height width"]:
@@ -23,6 +25,38 @@ def depth_segments(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> 
     return cv2.connectedComponents(inside, connectivity=4)[1]
 
 
+def faces_of_segments(
+    segments: Int[np.ndarray, "height width"], normals: Float[np.ndarray, "height width 3"]
+) -> Int[np.ndarray, "height width"]:
+    """Segments (0 = none) parted where their `normals` (0 = unknown) turn: in the folds in which parts touch one
+    another, and at a part's own edges.
+    """
+    inside = (segments > 0) & (normals**2).sum(axis=-1).astype(bool)
+    for axis in (0, 1):
+        ahead = np.roll(normals, -FOLD_REACH, axis=axis)
+        folded = (normals * ahead).sum(axis=-1) < np.cos(FOLD)
+        for step in range(FOLD_REACH + 1):
+            inside &= ~np.roll(folded, step, axis=axis)
+    pieces = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)[1]
+    return np.where(inside, pieces, 0)
+
+
+def segment_areas(
+    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
+) -> Float[np.ndarray, "regions"]:
+    """Area [mm^2], across the line of sight, of the segment that holds most of each region."""
+    segments = depth_segments(depth, sensor)
+    area = np.bincount(segments.ravel(), np.square(sensor.camera.mm_per_px(depth.ravel().astype(float))))
+    return area[[_most_of(segments, labels == region) for region in range(int(labels.max(initial=-1)) + 1)]]
+
+
+def _most_of(segments: Int[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"]) -> int:
+    """The segment with most of the mask's pixels; 0 when none has any."""
+    votes = np.bincount(segments[mask], minlength=1)
+    votes[0] = 0
+    return int(votes.argmax())
+
+
 def segment_centres(
     labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
 ) -> Float[np.ndarray, "regions 3"]:
@@ -35,8 +69,7 @@ def segment_centres(
     centres = []
     for region in range(int(labels.max(initial=-1)) + 1):
         mine = labels == region
-        votes = np.bincount(segments[mine], minlength=1)
-        votes[0] = 0
         own = X_cam[mine & (depth > 0)]
-        centres.append(mean[int(votes.argmax())] if votes.any() else own.mean(axis=0))
+        most = _most_of(segments, mine)
+        centres.append(mean[most] if most else own.mean(axis=0))
     return np.array(centres).reshape(-1, 3)
