@@ -31,12 +31,13 @@ def faces_of_segments(
     """Segments (0 = none) parted where their `normals` (0 = unknown) turn: in the folds in which parts touch one
     another, and at a part's own edges.
     """
-    inside = (segments > 0) & (normals**2).sum(axis=-1).astype(bool)
-    for axis in (0, 1):
-        ahead = np.roll(normals, -FOLD_REACH, axis=axis)
-        folded = (normals * ahead).sum(axis=-1) < np.cos(FOLD)
+    known = (normals != 0).any(axis=-1)
+    inside = (segments > 0) & known
+    for n, k, mask in ((normals, known, inside), (normals.swapaxes(0, 1), known.T, inside.T)):  # along columns, rows
+        folded = (n[:-FOLD_REACH] * n[FOLD_REACH:]).sum(axis=-1) < np.cos(FOLD)
+        folded &= k[:-FOLD_REACH] & k[FOLD_REACH:]
         for step in range(FOLD_REACH + 1):
-            inside &= ~np.roll(folded, step, axis=axis)
+            mask[step : step + len(folded)] &= ~folded
     pieces = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)[1]
     return np.where(inside, pieces, 0)
 
@@ -46,8 +47,10 @@ def segment_areas(
 ) -> Float[np.ndarray, "regions"]:
     """Area [mm^2], across the line of sight, of the segment that holds most of each region."""
     segments = depth_segments(depth, sensor)
-    area = np.bincount(segments.ravel(), np.square(sensor.camera.mm_per_px(depth.ravel().astype(float))))
-    return area[[_most_of(segments, labels == region) for region in range(int(labels.max(initial=-1)) + 1)]]
+    pixels = np.bincount(segments.ravel())
+    mean_depth = np.bincount(segments.ravel(), depth.ravel().astype(float)) / np.maximum(pixels, 1)
+    held_by = [_most_of(segments, labels == region) for region in range(int(labels.max(initial=-1)) + 1)]
+    return np.array([pixels[k] * sensor.camera.mm_per_px(float(mean_depth[k])) ** 2 for k in held_by])
 
 
 def _most_of(segments: Int[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"]) -> int:

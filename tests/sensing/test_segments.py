@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.sensing.segments import depth_segments, segment_centres
+from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas, segment_centres
 
 
 @pytest.fixture(scope="module")
@@ -44,3 +44,41 @@ def test_a_region_gets_the_centre_of_its_whole_segment(sensor):
     expected = sensor.camera.unproject(np.array([[u.mean(), 29.5]]), np.array([880.0]))[0]
     np.testing.assert_allclose(centres[0], expected, atol=2 * sensor.camera.mm_per_px(880.0))
     assert centres[1][2] == pytest.approx(900 + 0.2 * 19.5, abs=0.5)
+
+
+def roof(turn: float) -> np.ndarray:
+    """Normals of two planes that meet in column 40, either one turned by half of so many degrees."""
+    half = np.radians(turn / 2)
+    normals = np.zeros((60, 80, 3))
+    normals[..., 2] = -np.cos(half)
+    normals[:, :40, 0], normals[:, 40:, 0] = -np.sin(half), np.sin(half)
+    return normals
+
+
+@pytest.mark.parametrize(("turn", "count"), [(30.0, 2), (10.0, 1)])
+def test_a_fold_parts_a_segment_and_a_slight_bend_does_not(turn, count):
+    """Along columns as along rows, and nothing of one face gets into the other."""
+    whole, normals = np.full((60, 80), 3), roof(turn)
+    for pieces in (faces_of_segments(whole, normals), faces_of_segments(whole.T, normals.swapaxes(0, 1)).T):
+        assert len(np.unique(pieces[pieces > 0])) == count
+        assert (pieces[:, :37] > 0).all()
+        assert (pieces[:, 43:] > 0).all()
+
+
+def test_segments_stay_apart_and_pixels_without_a_normal_belong_to_none():
+    segments = np.ones((60, 80), int)
+    segments[:, 39:41] = 0
+    normals = roof(0.0)
+    normals[:10] = 0.0
+    pieces = faces_of_segments(segments, normals)
+    assert (pieces[:10] == 0).all()
+    assert (pieces[10:, 39:41] == 0).all()
+    assert pieces[20, 10] != pieces[20, 70]
+    assert (pieces[10:, :39] == pieces[20, 10]).all()
+
+
+def test_the_area_is_that_of_the_whole_segment(sensor):
+    labels = np.full((60, 80), -1)
+    labels[10:15, 60:66] = 0
+    (area,) = segment_areas(labels, two_blocks(), sensor)
+    assert area == pytest.approx(60 * 40 * sensor.camera.mm_per_px(880.0) ** 2, rel=0.05)
