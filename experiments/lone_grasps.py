@@ -2,8 +2,9 @@
 
     python experiments/lone_grasps.py [--parts NAME ...] [--gripper GRIPPER]
 
-A candidate touches nothing but what it is to hold, by the CAD model's own triangles. The engine knows the part as convex
-pieces, which fill corners a little: hits here are the engine's, and as many are to be expected in `clear_bins.py`.
+By the CAD model's own triangles a candidate touches nothing but what it is to hold. The engine knows the part as
+convex pieces, which fill corners a little: hits here are the engine's, and as many are to be expected in
+`clear_bins.py`.
 Needs the physics engine (extra `sim`).
 """
 
