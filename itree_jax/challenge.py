@@ -17,7 +17,7 @@ from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
-UNSETTLED = 500.0  # [nats]: the last step changes likelihoods by less (experiments/refinement_nats.py)
+UNSETTLED = 500.0  # [nats] rivals that are beaten by more are not refined again: the last step changes far less
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
