@@ -17,7 +17,7 @@ from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
-UNSETTLED = 500.0  # [nats] rivals that are beaten by more are not refined again: the last step changes far less
+UNSETTLED = 500.0  # [nats]: rivals that are beaten by more are not refined again, to spare the time
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
