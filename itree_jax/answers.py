@@ -12,7 +12,7 @@ from itree_jax.features.region import RegionFeatures
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import rivals
 from itree_jax.refinement.hypotheses import RegionHypotheses
-from itree_jax.refinement.optimise import NormalEquations
+from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.select import Judged, Selection
 from itree_jax.refinement.uncertainty import (
     rim_motions,
@@ -24,6 +24,7 @@ from itree_jax.refinement.uncertainty import (
 from itree_jax.refinement.unobservable import unobservable
 from itree_jax.root_answer import RootAnswer, root_steps
 from itree_jax.sensing.regions import Regions
+from itree_jax.sight import Sight
 from itree_jax.tree.classify import Classification
 from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
@@ -39,7 +40,6 @@ class Interpretation:
     features: RegionFeatures
     classification: Classification
     hypotheses: RegionHypotheses  # refined; those that reached the last verification
-    equations: NormalEquations
     judged: Judged
     selection: Selection
     found: Regions  # that hypotheses count by
@@ -50,17 +50,37 @@ class Interpretation:
         return int(np.searchsorted(self.asked, region))
 
 
-def describe(answers: Sequence[Interpretation], root: Root) -> tuple[Detection, ...]:
+def describe(answers: Sequence[Interpretation], root: Root, sight: Sight) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
     detections = [
-        describe_one(answer, int(h), root) for answer in answers for h in answer.selection.accepted
+        describe_one(answer, int(h), root, information, spread)
+        for answer in answers
+        for h, information, spread in zip(answer.selection.accepted, *measured_by(answer, sight), strict=True)
     ]
     order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
     rank = {k: position for position, k in enumerate(order)}
     return tuple(replace(d, offer_rank=rank[k]) for k, d in enumerate(detections))
 
 
-def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
+def measured_by(
+    answer: Interpretation, sight: Sight
+) -> tuple[Float[np.ndarray, "accepted 6 6"], Float[np.ndarray, "accepted 6 6"]]:
+    """What the scene measures of the accepted poses: information and spread, as in `information.Measured`."""
+    tree, accepted = answer.prepared.tree, answer.selection.accepted
+    if not len(accepted):
+        return np.zeros((0, 6, 6)), np.zeros((0, 6, 6))
+    plan = sight.plan(tree.part.diameter, tree.spacing)
+    equations = equations_at(
+        answer.hypotheses.take(accepted).poses, answer.prepared.model, sight.observed, sight.sensor.camera,
+        plan.deviations, plan.rounds[-1].stage, plan.jump, sight.others, sight.crease,
+    )
+    return equations.information, equations.spread
+
+
+def describe_one(
+    answer: Interpretation, h: int, root: Root, information: Float[np.ndarray, "6 6"],
+    spread: Float[np.ndarray, "6 6"],
+) -> Detection:
     """One accepted hypothesis, with the other poses of its place that the scene hardly tells from it."""
     tree, selection = answer.prepared.tree, answer.selection
     region = int(answer.hypotheses.region[h])
@@ -77,8 +97,7 @@ def describe_one(answer: Interpretation, h: int, root: Root) -> Detection:
     turns = tree.symmetries.continuous
     rim = rim_motions(tree.part.vertices, tree.part.diameter, R)
     information, spread = (
-        without_free_turns(np.asarray(e[h], float), turns, R)
-        for e in (answer.equations.information, answer.equations.spread)
+        without_free_turns(np.asarray(e, float), turns, R) for e in (information, spread)
     )
     uncertain = rim_uncertainty(information, spread, rim)
     std = twist_deviation(uncertain, rim)

@@ -3,14 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
 
 from itree_jax.answers import Interpretation
 from itree_jax.competition import compete, select
 from itree_jax.narrowing import judge, narrow, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses, joined, turned_about_axes
-from itree_jax.refinement.optimise import Hypotheses, NormalEquations, refine
+from itree_jax.refinement.optimise import Hypotheses, refine
 from itree_jax.refinement.schedule import Schedule
 from itree_jax.refinement.select import Judged, together
 from itree_jax.refinement.verify import visible_centres
@@ -40,12 +39,12 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared, plan = answer.prepared, plan_of(answer, sight)
     poses = answer.hypotheses.take(new)
     turned = turned_poses(poses, prepared, sight.sensor, plan.turned[0].stage.size)
-    turned, equations = narrow(turned, prepared.model, sight, plan.turned, plan)
+    turned = narrow(turned, prepared.model, sight, plan.turned, plan)
     turned = turned._replace(region=poses.region[turned.region], challenged=np.ones(len(turned.region), bool))
     met = answer.hypotheses.challenged.copy()
     met[new] = True
     first = replace(answer, hypotheses=answer.hypotheses._replace(challenged=met))
-    return with_more(first, turned, equations, judge(turned, prepared, sight, plan), sight)
+    return with_more(first, turned, judge(turned, prepared, sight, plan), sight)
 
 
 def turned_poses(
@@ -75,7 +74,7 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     close = [others[margins < UNSETTLED] for others, margins in answer.selection.rivals]
     tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
-    poses, _ = refine(
+    poses = refine(
         before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
         plan.jump, sight.others, sight.crease,
     )
@@ -84,21 +83,19 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     better = np.flatnonzero(judged.log_likelihood > answer.judged.log_likelihood[tried])
     kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[better])
     rest = replace(
-        answer, hypotheses=answer.hypotheses.take(kept), equations=rows(answer.equations, kept),
-        judged=answer.judged.take(kept),
+        answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept),
     )
-    return with_more(rest, after.take(better), rows(answer.equations, tried[better]), judged.take(better), sight)
+    return with_more(rest, after.take(better), judged.take(better), sight)
 
 
 def with_more(
-    answer: Interpretation, more: RegionHypotheses, equations: NormalEquations, judged: Judged, sight: Sight
+    answer: Interpretation, more: RegionHypotheses, judged: Judged, sight: Sight
 ) -> Interpretation:
     """The interpretation with more hypotheses, selected anew."""
     hypotheses = joined(answer.hypotheses, more)
     all_judged = together(answer.judged, judged)._replace(near=rivalry(hypotheses, answer.prepared))
     return replace(
         answer, hypotheses=hypotheses, judged=all_judged,
-        equations=NormalEquations(*(np.concatenate(pair) for pair in zip(answer.equations, equations, strict=True))),
         selection=select(all_judged, answer.prepared, hypotheses, sight),
     )
 
@@ -107,6 +104,3 @@ def plan_of(answer: Interpretation, sight: Sight) -> Schedule:
     tree = answer.prepared.tree
     return sight.plan(tree.part.diameter, tree.spacing)
 
-
-def rows(equations: NormalEquations, index: Int[np.ndarray, "kept"]) -> NormalEquations:
-    return NormalEquations(*(e[index] for e in equations))

@@ -9,7 +9,7 @@ from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import RegionHypotheses, agreement, best_of_each_region, rough_share
 from itree_jax.refinement.likelihood import support
-from itree_jax.refinement.optimise import NormalEquations, RefineModel, refine
+from itree_jax.refinement.optimise import RefineModel, refine
 from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged
 from itree_jax.refinement.verify import verify
@@ -19,11 +19,11 @@ from itree_jax.sight import Sight
 def narrow(
     hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
     keep: Sequence[int] | None = None,
-) -> tuple[RegionHypotheses, NormalEquations]:
+) -> RegionHypotheses:
     """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan."""
-    equations, camera = None, sight.sensor.camera
+    camera = sight.sensor.camera
     for k, step in enumerate(rounds):
-        poses, equations = refine(
+        poses = refine(
             hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
         )
@@ -35,9 +35,7 @@ def narrow(
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
         kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)
         hypotheses = hypotheses.take(kept)
-        equations = NormalEquations(*(e[kept] for e in equations))
-    assert equations is not None
-    return hypotheses, equations
+    return hypotheses
 
 
 def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> Judged:

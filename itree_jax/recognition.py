@@ -159,10 +159,10 @@ def seen_again(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared = answer.prepared
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     everyone = [len(answer.hypotheses.region)] * 2
-    hypotheses, equations = narrow(answer.hypotheses, prepared.model, sight, plan.rounds[-2:], plan, everyone)
+    hypotheses = narrow(answer.hypotheses, prepared.model, sight, plan.rounds[-2:], plan, everyone)
     judged = judge(hypotheses, prepared, sight, plan)
     selection = select(judged, prepared, hypotheses, sight)
-    return replace(answer, hypotheses=hypotheses, equations=equations, judged=judged, selection=selection)
+    return replace(answer, hypotheses=hypotheses, judged=judged, selection=selection)
 
 
 def read_sight(
@@ -224,8 +224,8 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
     return Detections(
-        describe(answers, forest.root), seconds, labels=labels, depth=sight.depth, not_recognised=tuple(unexplained),
-        interpretations=sum(len(a.asked) for a in answers),
+        describe(answers, forest.root, sight), seconds, labels=labels, depth=sight.depth,
+        not_recognised=tuple(unexplained), interpretations=sum(len(a.asked) for a in answers),
     )
 
 
@@ -248,11 +248,11 @@ def interpret(
         if len(large):
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
-    hypotheses, equations = narrow(hypotheses, model, sight, plan.rounds, plan, beam.keep)
+    hypotheses = narrow(hypotheses, model, sight, plan.rounds, plan, beam.keep)
     judged = judge(hypotheses, prepared, sight, plan)
     selection = select(judged, prepared, hypotheses, sight)
     answer = Interpretation(
-        prepared, part, asked, features, classification, hypotheses, equations, judged, selection, sight.found, said
+        prepared, part, asked, features, classification, hypotheses, judged, selection, sight.found, said
     )
     return challenged(answer, sight)
 

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
-from itree_jax.refinement.optimise import so3_exp
 from itree_jax.refinement.residuals import Deviations, Predicted, WindowObservations, look_up, tukey
+from itree_jax.refinement.so3 import so3_exp
 from itree_jax.refinement.viewing import sight, unproject
 from itree_jax.sensing.needle import Array, NeedleMap
 from itree_jax.sensing.photometric import photometric_stereo

@@ -6,6 +6,8 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
+from itree_kernels.scene_maps import SeenBy, scene_maps
+from itree_kernels.warp_start import warp_device
 from jaxtyping import Array, Float, Int
 
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
@@ -44,6 +46,19 @@ class CameraArrays(NamedTuple):
 def camera_arrays(camera: Camera) -> CameraArrays:
     values = (camera.fx, camera.fy, camera.cx, camera.cy, 0.0 if camera.is_orthographic else 1.0)
     return CameraArrays(*(jnp.float32(v) for v in values))
+
+
+def seen_by(
+    observed: ObservedMaps, camera: Camera, R_camera_first: Float[np.ndarray, "3 3"] | None = None,
+    t_camera_first: Float[np.ndarray, "3"] | None = None,
+) -> SeenBy:
+    """The maps as the kernels read them. The rotation and the translation [mm] lead from the frame that poses are told
+    in to the camera's; None: it is the same one.
+    """
+    arrays = (np.asarray(a) for a in observed)
+    R = np.eye(3) if R_camera_first is None else np.asarray(R_camera_first, float)
+    t = np.zeros(3) if t_camera_first is None else np.asarray(t_camera_first, float)
+    return SeenBy(scene_maps(*arrays, device=warp_device()), camera, R, t)
 
 
 def occluding_edges(

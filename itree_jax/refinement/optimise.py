@@ -1,28 +1,33 @@
-"""Gauss-Newton on SE(3) for a batch of hypotheses: rays on the kernels, normal equations in one compiled step."""
+"""Gauss-Newton on SE(3) for a batch of hypotheses, on the kernels: rays, normal equations, steps.
+
+Rays are cast where a pose starts and wherever its rim has moved by a window pixel since; between, the surface points
+that they met are projected into the image. All hypotheses go through all steps without the host looking at them.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+import warp as wp
 from itree_kernels.camera import Camera
-from itree_kernels.correspond import Correspondences, correspondences
 from itree_kernels.mesh import RayMesh
-from jaxtyping import Bool, Float, Int
+from itree_kernels.pose_equations import MovedPoses, equations_kernel, gates_of, row_sums, sum_rows
+from itree_kernels.pose_step import follow, spreads_of, step, step_kernel
+from itree_kernels.scene_maps import SeenBy
+from itree_kernels.threads import launch_in_chunks
+from itree_kernels.warp_start import load_kernel
+from itree_kernels.windows import Rays, Windows, windows
+from jaxtyping import Float
 
 from itree_jax.refinement.information import SmoothSurface
-from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
-from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
+from itree_jax.refinement.observed import ObservedMaps, seen_by
+from itree_jax.refinement.residuals import Deviations
 from itree_jax.sensing.needle import Array
 
-DAMPING = 1e-6  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps free directions in place
-SMALLEST_BATCH, BATCH = 16, 128
-LARGE_WINDOW, LARGE_BATCH = 48, 32  # few hypotheses reach the large windows, and padding costs most there
-LARGEST_WINDOW, LEAST_BATCH = 128, 8  # ... and at the image's own resolution there are the answers alone
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
+FARTHEST = 1.0  # [window px] that a pose's rim may move before rays are cast again
 
 
 class Hypotheses(NamedTuple):
@@ -65,6 +70,11 @@ class OtherView:
     R_other_cam: Float[np.ndarray, "3 3"]  # X_other = R X_cam + t
     t_other_cam: Float[np.ndarray, "3"]  # [mm]
 
+    @property
+    def seen_by(self) -> SeenBy:
+        """As the kernels read it."""
+        return seen_by(self.observed, self.camera, self.R_other_cam, self.t_other_cam)
+
     def poses(self, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Poses in the frame of this camera."""
         R_other, t_other = self.R_other_cam @ R, t @ self.R_other_cam.T + self.t_other_cam
@@ -83,36 +93,6 @@ class Stage:
     contour: bool = True  # False: no contours are looked for, which halves the time of a rough stage
 
 
-def batch_of(size: int) -> int:
-    """Hypotheses that a compiled function takes at once, with windows of `size` pixels per side."""
-    return LEAST_BATCH if size >= LARGEST_WINDOW else LARGE_BATCH if size >= LARGE_WINDOW else BATCH
-
-
-def batch_size(count: int, size: int) -> int:
-    """`SMALLEST_BATCH`, or a multiple of the batch: compiled functions see batches of these two sizes only."""
-    batch = batch_of(size)
-    return SMALLEST_BATCH if count <= SMALLEST_BATCH < batch else -(-count // batch) * batch
-
-
-def in_batches(function: Callable[..., Any], size: int, *arrays: Any) -> Any:
-    """Calls a compiled function on slices of its arguments (trees of arrays with one leading axis, padded to a batch
-    size) and joins what it returns, as NumPy arrays. One shape is compiled, and memory stays that of one batch.
-    """
-    count = len(jax.tree.leaves(arrays)[0])
-    step = min(count, batch_of(size))
-    parts = []
-    for k in range(0, count, step):
-        some = jax.tree.map(lambda a, k=k: a[k : k + step], arrays)
-        parts.append(jax.tree.map(np.asarray, function(*some)))
-    return jax.tree.map(lambda *p: np.concatenate(p), *parts) if len(parts) > 1 else parts[0]
-
-
-def padded(hypotheses: Hypotheses, size: int) -> Hypotheses:
-    """Repeats the last pose up to a batch size."""
-    extra = batch_size(len(hypotheses.t_cam_obj), size) - len(hypotheses.t_cam_obj)
-    return Hypotheses(*(np.concatenate([a, np.repeat(a[-1:], extra, axis=0)]).astype(np.float32) for a in hypotheses))
-
-
 def window_stride(camera: Camera, reach: float, depth: float, size: int) -> int:
     """Whole pixels between window pixels, so that the part fits whatever its attitude."""
     return max(1, int(np.ceil(2.1 * reach / camera.mm_per_px(depth) / size)))
@@ -123,106 +103,6 @@ def window_origins(
 ) -> Float[np.ndarray, "hypotheses 2"]:
     """Whole image points of window pixel (0, 0), the part's origin in the middle."""
     return np.round(camera.project(t_cam_obj) - 0.5 * stride * (size - 1))
-
-
-def so3_exp(omega: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Rodrigues' formula, smooth at 0."""
-    squared = jnp.sum(omega**2)
-    small = squared < 1e-8
-    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
-    a = jnp.where(small, 1.0 - squared / 6.0, jnp.sin(angle) / angle)
-    b = jnp.where(small, 0.5 - squared / 24.0, (1.0 - jnp.cos(angle)) / (angle * angle))
-    x, y, z = omega
-    zero = jnp.zeros_like(x)
-    K = jnp.stack([jnp.stack([zero, -z, y]), jnp.stack([z, zero, -x]), jnp.stack([-y, x, zero])])
-    return jnp.eye(3, dtype=omega.dtype) + a * K + b * (K @ K)
-
-
-def move(
-    R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], twist: Float[Array, "6"]
-) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-    """Applies a twist (omega, v) in the camera frame about the part's origin."""
-    return so3_exp(twist[:3]) @ R_cam_obj, t_cam_obj + twist[3:]
-
-
-def newton_twist(equations: NormalEquations, reach: Float[Array, ""]) -> Float[Array, "6"]:
-    """Solves for the twist in units in which a turn and a shift move the part's rim alike."""
-    scale = jnp.concatenate([jnp.full(3, 1.0 / reach), jnp.ones(3)])
-    H = equations.hessian * scale[:, None] * scale[None, :]
-    g = equations.gradient * scale
-    damping = DAMPING * jnp.trace(H) / 6.0 + 1e-12
-    twist = -scale * jnp.linalg.solve(H + damping * jnp.eye(6), g)
-    # a step of more than 20 degrees or a third of the part has left the region where correspondences mean anything
-    turn = jnp.linalg.norm(twist[:3])
-    shift = jnp.linalg.norm(twist[3:])
-    shrink = jnp.minimum(1.0, jnp.minimum(0.35 / (turn + 1e-9), 0.33 * reach / (shift + 1e-9)))
-    return jnp.where(jnp.isfinite(twist).all(), shrink * twist, 0.0)
-
-
-@partial(jax.jit, static_argnames=("size",))
-def gauss_newton_step(
-    R_cam_obj: Float[Array, "hypotheses 3 3"],
-    t_cam_obj: Float[Array, "hypotheses 3"],
-    predicted: Predicted,
-    observed: ObservedMaps,
-    normal_obj: Float[Array, "triangles 3"],
-    reach: Float[Array, ""],
-    camera: CameraArrays,
-    deviations: Deviations,
-    stride: Int[Array, ""],
-    size: int,
-    elsewhere: NormalEquations | None = None,
-    surface: SmoothSurface | None = None,
-    last: Bool[Array, ""] | bool = True,
-) -> tuple[Float[Array, "hypotheses 3 3"], Float[Array, "hypotheses 3"], NormalEquations]:
-    """One step of every hypothesis, with the normal equations it was taken from; `elsewhere`: of other cameras."""
-
-    def one(R, t, seen, more):
-        equations = total_equations(
-            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
-        )
-        if more is not None:
-            equations = NormalEquations(*(a + b for a, b in zip(equations, more, strict=True)))
-        R, t = move(R, t, newton_twist(equations, reach))
-        return R, t, equations
-
-    return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted, elsewhere)
-
-
-@partial(jax.jit, static_argnames=("size",))
-def equations_elsewhere(
-    R_cam_obj: Float[Array, "hypotheses 3 3"],
-    t_cam_obj: Float[Array, "hypotheses 3"],
-    predicted: Predicted,
-    R_other_cam: Float[Array, "3 3"],
-    observed: ObservedMaps,
-    normal_obj: Float[Array, "triangles 3"],
-    camera: CameraArrays,
-    deviations: Deviations,
-    stride: Int[Array, ""],
-    size: int,
-    surface: SmoothSurface | None = None,
-    last: Bool[Array, ""] | bool = True,
-) -> NormalEquations:
-    """Normal equations of another camera, for twists in the frame of the first one. Poses are in the other's frame.
-
-    A twist is about the part's origin, so that from frame to frame it only turns.
-    """
-    turn = jnp.zeros((6, 6)).at[:3, :3].set(R_other_cam).at[3:, 3:].set(R_other_cam)
-
-    def one(R, t, seen):
-        there = total_equations(
-            R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, last
-        )
-        squares = (turn.T @ a @ turn for a in (there.hessian, there.information, there.spread))
-        hessian, information, spread = squares
-        return NormalEquations(hessian, turn.T @ there.gradient, there.cost, information, spread)
-
-    return jax.vmap(one)(R_cam_obj, t_cam_obj, predicted)
-
-
-def as_predicted(found: Correspondences, origin_uv: Float[np.ndarray, "hypotheses 2"]) -> Predicted:
-    return Predicted(origin_uv.astype(np.float32), found.depth, found.triangle, found.contour_uv, found.contour_depth)
 
 
 def ramp(ends: tuple[float, float], step: int, steps: int) -> float:
@@ -240,64 +120,82 @@ def refine(
     jump: float,
     others: Sequence[OtherView] = (),
     crease: float | None = None,
-) -> tuple[Hypotheses, NormalEquations]:
+) -> Hypotheses:
     """Refines every hypothesis against needle map, outline and depth, in all cameras jointly.
 
-    Returns the poses and the last normal equations (for the covariance see `uncertainty.py`). `jump` [mm] is the least
-    depth step of an occluding contour; `crease` [rad]: creases are contours too, as in `correspondences`.
+    `jump` [mm] is the least depth step of an occluding contour; `crease` [rad]: creases are contours too, as in
+    `correspondences`. Each hypothesis is refined alone: it comes out the same in whatever company.
     """
     if not any(stage.steps for stage in stages):
         raise ValueError("refine needs at least one step")
-    count = len(hypotheses.t_cam_obj)
-    R, t = (np.asarray(a) for a in padded(hypotheses, max(stage.size for stage in stages)))
-    cam = camera_arrays(camera)
-    reach = jnp.float32(model.reach)
+    views = [seen_by(observed, camera), *(other.seen_by for other in others)]
+    R, t = (np.asarray(a, np.float32) for a in hypotheses)
     distance = float(np.median(t[:, 2]))
-    equations = None
     for stage in stages:
         stride = window_stride(camera, model.reach, distance, stage.size)
-        for step in range(stage.steps):
-            origin = window_origins(camera, t, stage.size, stride)
-            edges = jump if stage.contour else None
-            found = correspondences(
-                model.mesh, R, t, camera, origin, stage.size, stride, model.reach, edges, crease
-            )
-            now = deviations._replace(
-                depth_gate=jnp.float32(ramp(stage.depth_gate, step, stage.steps)),
-                needle_gate=jnp.float32(ramp(stage.needle_gate, step, stage.steps)),
-                contour_gate=jnp.float32(ramp(stage.contour_gate, step, stage.steps)),
-            )
-            last = jnp.asarray(step == stage.steps - 1)
-            more = [
-                _elsewhere(view, R, t, model, now, stage, stride, edges, crease, last) for view in others
-            ]
-            elsewhere = jax.tree.map(lambda *parts: sum(parts), *more) if more else None
-            step_of = partial(
-                gauss_newton_step, observed=observed, normal_obj=model.normal_obj, reach=reach, camera=cam,
-                deviations=now, stride=jnp.int32(stride), size=stage.size, last=last,
-                surface=model.surface if stage.contour else None,
-            )
-
-            def one_step(R, t, seen, more, step_of=step_of):
-                return step_of(R, t, seen, elsewhere=more)
-
-            R, t, equations = in_batches(one_step, stage.size, R, t, as_predicted(found, origin), elsewhere)
-    assert equations is not None
-    return Hypotheses(R[:count], t[:count]), NormalEquations(*(np.asarray(e)[:count] for e in equations))
+        R, t = _refine_stage(R, t, model, views, deviations, stage, stride, jump, crease)
+    return Hypotheses(R, t)
 
 
-def _elsewhere(
-    view: OtherView, R: np.ndarray, t: np.ndarray, model: RefineModel, deviations: Deviations, stage: Stage,
-    stride: int, edges: float | None, crease: float | None, last: Bool[Array, ""],
-) -> NormalEquations:
-    R_other, t_other = view.poses(R, t)
-    origin = window_origins(view.camera, t_other, stage.size, stride)
-    found = correspondences(
-        model.mesh, R_other, t_other, view.camera, origin, stage.size, stride, model.reach, edges, crease
-    )
-    equations_of = partial(
-        equations_elsewhere, R_other_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
-        normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
-        stride=jnp.int32(stride), size=stage.size, surface=model.surface if stage.contour else None, last=last,
-    )
-    return in_batches(equations_of, stage.size, R_other, t_other, as_predicted(found, origin))
+def _refine_stage(
+    R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, views: Sequence[SeenBy],
+    deviations: Deviations, stage: Stage, stride: int, jump: float, crease: float | None,
+) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
+    device, count = model.mesh.device, len(t)
+    pose = poses_on_device(R, t, device)
+    there = [pose, *(poses_on_device(R, t, device) for _ in views[1:])]
+    seen = [windows(R, t, np.zeros((count, 2)), stage.size, stride, device, stage.contour) for _ in views]
+    rays = [Rays(model.mesh, by.camera, model.reach, jump if stage.contour else None, crease) for by in views]
+    sums = row_sums(len(views), count, stage.size, device)
+    turns = wp.array(np.stack([by.R_camera_first for by in views]).astype(np.float32), dtype=wp.mat33, device=device)
+    spreads = spreads_of(*(float(v) for v in (
+        deviations.depth, deviations.depth_bias, deviations.needle, deviations.needle_bias, deviations.contour,
+        deviations.contour_bias,
+    )))  # fmt: skip
+
+    def refine_some(first: int, last: int) -> None:
+        for k in range(stage.steps):
+            gates = gates_of(*(ramp(g, k, stage.steps) for g in (stage.depth_gate, stage.needle_gate,
+                                                                 stage.contour_gate)))  # fmt: skip
+            for view, by in enumerate(views):
+                follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
+                if any_stale(seen[view], first, last):
+                    rays[view].cast(seen[view], first, last)
+                sum_rows(seen[view], there[view], by, model.mesh.normals_obj, gates, view, first, last, sums)
+            step(pose, sums, spreads, turns, model.reach, first, last)
+
+    rays[0].load()
+    for kernel in (equations_kernel, step_kernel):
+        load_kernel(kernel, device)
+    launch_in_chunks(refine_some, count, rays_each=stage.steps * stage.size**2, device=device)
+    return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
+
+
+def poses_on_device(R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], device: str) -> MovedPoses:
+    """Copies that the kernels may change."""
+    return MovedPoses(wp.array(R, dtype=wp.mat33, device=device), wp.array(t, dtype=wp.vec3, device=device))
+
+
+def any_stale(seen: Windows, first: int, last: int) -> bool:
+    """Whether there is anything to cast. On a GPU it costs less to launch than to ask."""
+    return seen.device != "cpu" or bool(seen.stale.numpy()[first:last].any())
+
+
+def cast_in(
+    by: SeenBy, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, size: int, stride: int,
+    jump: float | None, read: Callable[[Windows, int, int], None], *kernels: Any,
+) -> Windows:
+    """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
+    device = model.mesh.device
+    seen = windows(R, t, window_origins(by.camera, t, size, stride), size, stride, device, jump is not None)
+    rays = Rays(model.mesh, by.camera, model.reach, jump, None)
+
+    def cast_some(first: int, last: int) -> None:
+        rays.cast(seen, first, last)
+        read(seen, first, last)
+
+    rays.load()
+    for kernel in kernels:
+        load_kernel(kernel, device)
+    launch_in_chunks(cast_some, len(t), rays_each=size**2, device=device)
+    return seen

@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 
 from itree_jax.refinement.lit_pixels import PlacedPart
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays, observe
-from itree_jax.refinement.optimise import as_predicted, window_origins, window_stride
+from itree_jax.refinement.optimise import window_origins, window_stride
+from itree_jax.refinement.pose_information import as_predicted
 from itree_jax.refinement.residuals import (
     Deviations,
     NormalEquations,

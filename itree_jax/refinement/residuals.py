@@ -6,9 +6,8 @@ A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from itree_jax.refinement.information import (
     AT_OUTLINE,
@@ -249,11 +248,11 @@ def measured_information(
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
-    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None, last: Bool[Array, ""] | bool = True,
+    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None,
 ) -> NormalEquations:
     """The normal equations of one hypothesis: needles + depth + contour.
 
-    With the smooth `surface` that the triangles stand for, those of a `last` step tell what the image measures.
+    With the smooth `surface` that the triangles stand for, they tell what the image measures.
     """
     window = look_up(observed, predicted.origin_uv, size, stride)
     gap = window.depth - predicted.depth
@@ -266,10 +265,7 @@ def total_equations(
     if surface is None:
         return total
 
-    def smooth() -> Measured:
-        return measured_information(
-            R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
-        )
-
-    found = jax.lax.cond(last, smooth, lambda: Measured(total.hessian, total.hessian))
+    found = measured_information(
+        R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
+    )
     return total._replace(information=found.information, spread=found.spread)

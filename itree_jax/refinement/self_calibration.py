@@ -29,9 +29,9 @@ from itree_jax.refinement.joint_equations import (
 )
 from itree_jax.refinement.light_equations import LightEquations, LitPixels, ModelErrors, light_equations
 from itree_jax.refinement.lit_pixels import PixelTable, PlacedPart, Sighted, lit_pixels, reflections, sighted
-from itree_jax.refinement.optimise import move
 from itree_jax.refinement.pose_terms import PoseTerms, pose_equations, pose_terms
 from itree_jax.refinement.schedule import NOISE_SIGMAS
+from itree_jax.refinement.so3 import move
 from itree_jax.refinement.unobserved import unobserved_directions
 from itree_jax.sensing.regions import depth_noise
 from itree_jax.sensor import Sensor

@@ -41,3 +41,16 @@ def depth_before_sphere(
     if orthographic == 1:
         return start
     return wp.max(start, 0.0)
+
+
+@wp.func
+def image_point(X: wp.vec3, camera: wp.vec4, orthographic: int) -> wp.vec2:
+    """(u, v) [px] of a point [mm] in the camera frame."""
+    scale = wp.where(orthographic == 1, 1.0, X[2])
+    return wp.vec2(camera[0] * X[0] / scale + camera[2], camera[1] * X[1] / scale + camera[3])
+
+
+@wp.func
+def surface_point(u: float, v: float, z: float, camera: wp.vec4, orthographic: int) -> wp.vec3:
+    """The point [mm] at depth z [mm] on a pixel's ray."""
+    return ray_origin(u, v, camera, orthographic) + z * ray_direction(u, v, camera, orthographic)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.refinement.optimise import move, so3_exp
+from itree_jax.refinement.so3 import move, so3_exp
 
 ANGLES = (0.0, 1e-9, 0.99e-4, 1.01e-4, 1e-2, 1.0, 3.1, np.pi)  # the series ends at 1e-4
 JACOBIANS = jax.jit(jax.jacfwd(so3_exp)), jax.jit(jax.jacrev(so3_exp))

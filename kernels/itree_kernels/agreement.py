@@ -1,0 +1,200 @@
+"""Which pixels of a scene agree with a pose, contradict it, or are hidden by something nearer, counted row by row."""
+# Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+
+import numpy as np
+import warp as wp
+from jaxtyping import Float
+
+from itree_kernels.scene_maps import SceneMaps, SeenBy
+from itree_kernels.windows import Windows
+
+BLIND = wp.constant(0.5)  # what a pixel without depth counts: needles and shading are alike on any parallel face
+SAME_SHADING = wp.constant(0.12)  # of full albedo: 4 standard deviations of the 3 % that reflected light adds
+LIT_SHADING = wp.constant(0.2)  # of full albedo: what reflected light fills shadows with is less
+TOO_BRIGHT = wp.constant(0.25)  # of full albedo: beyond the 99 percentile of reflected light
+CONTOUR_STEP = wp.constant(2.5)  # [px] how far outside of its contour a pose is asked whether the surface goes on
+STEEPEST = wp.constant(0.2)  # cosine of the slant beyond which nothing is detectable
+FAR = wp.constant(1.0e30)
+
+COUNTS = 7
+counts7 = wp.types.vector(length=7, dtype=wp.float32)
+
+
+@wp.struct
+class Limits:
+    """What still counts as the same."""
+
+    depth: float  # along the normal [mm]
+    needle_cosine: float
+    jump: float  # step between two surfaces [mm]
+    edge: float  # [px] from an observed edge within which a contour is found; 0: where depth ends, it is found
+
+
+@wp.func
+def depth_at(maps: SceneMaps, uv: wp.vec2) -> float:
+    """z [mm] at the nearest pixel; 0 outside of the image."""
+    column = int(wp.rint(uv[0]))
+    row = int(wp.rint(uv[1]))
+    if column < 0 or column >= maps.depth.shape[1] or row < 0 or row >= maps.depth.shape[0]:
+        return 0.0
+    return maps.depth[row, column]
+
+
+@wp.func
+def edge_distance(maps: SceneMaps, uv: wp.vec2) -> float:
+    """How far [px] the nearest observed edge point is; `FAR` outside of the image."""
+    column = int(wp.rint(2.0 * uv[0]))
+    row = int(wp.rint(2.0 * uv[1]))
+    if column < 0 or column >= maps.edge_label.shape[1] or row < 0 or row >= maps.edge_label.shape[0]:
+        return FAR
+    return wp.length(uv - maps.edge_uv[maps.edge_label[row, column]])
+
+
+@wp.func
+def hit_depth(depth: wp.array3d(dtype=float), triangle: wp.array3d(dtype=int), h: int, i: int, j: int) -> float:
+    """z [mm] of the pose at a window pixel; `FAR` where it misses, or outside of the window."""
+    if i >= depth.shape[1] or j >= depth.shape[2]:
+        return FAR
+    return wp.where(triangle[h, i, j] >= 0, depth[h, i, j], FAR)
+
+
+@wp.kernel(enable_backward=False)
+def agreement_kernel(
+    # In:
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    origin_uv: wp.array(dtype=wp.vec2),
+    depth: wp.array3d(dtype=float),
+    triangle: wp.array3d(dtype=int),
+    contour_uv: wp.array(dtype=wp.vec2, ndim=4),
+    contour_depth: wp.array(dtype=float, ndim=4),
+    normal_obj: wp.array(dtype=wp.vec3),
+    maps: SceneMaps,
+    stride: float,
+    limits: Limits,
+    first: int,
+    # Out:
+    counts: wp.array(dtype=counts7, ndim=2),
+):
+    k, i = wp.tid()
+    h = first + k
+    size = depth.shape[2]
+    height = maps.depth.shape[0]
+    width = maps.depth.shape[1]
+    R = R_cam_obj[h]
+    row = int(origin_uv[h][1] + stride * float(i))
+    agreeing = wp.float32(0.0)
+    closeness = wp.float32(0.0)
+    needles_agreeing = wp.float32(0.0)
+    contradicting = wp.float32(0.0)
+    hidden = wp.float32(0.0)
+    for j in range(size):
+        column = int(origin_uv[h][0] + stride * float(j))
+        if triangle[h, i, j] >= 0:
+            normal = R * normal_obj[triangle[h, i, j]]
+            z = wp.float32(0.0)
+            believed = wp.float32(0.0)
+            seen = wp.vec3()
+            inside = row >= 0 and row < height and column >= 0 and column < width
+            if inside:
+                z = maps.depth[row, column]
+                believed = maps.needle_weight[row, column]
+                seen = maps.normals[row, column]
+            cosine = wp.dot(seen, normal)
+            same = cosine > limits.needle_cosine
+            turn = wp.clamp((1.0 - cosine) / (1.0 - limits.needle_cosine), 0.0, 1.0)
+            if z > 0.0:
+                across = (z - depth[h, i, j]) * wp.max(wp.abs(normal[2]), STEEPEST)
+                if across <= -limits.depth:
+                    hidden += 1.0
+                elif across >= limits.depth or (believed > 0.0 and not same):
+                    contradicting += 1.0
+                else:
+                    agreeing += 1.0
+                    off = across / limits.depth
+                    closeness += 1.0 - 0.5 * off * off - 0.5 * wp.where(believed > 0.0, turn, 0.5)
+                    if believed > 0.0:
+                        needles_agreeing += 1.0
+            elif limits.edge > 0.0:
+                shown = wp.int32(0)
+                too_bright = wp.bool(False)
+                if inside:
+                    for light in range(maps.lights.shape[0]):
+                        expected = wp.max(wp.dot(normal, maps.lights[light]), 0.0)
+                        more = maps.shading[row, column, light] - expected
+                        if wp.abs(more) < SAME_SHADING and expected > LIT_SHADING:
+                            shown += 1
+                        if more > TOO_BRIGHT:
+                            too_bright = True
+                if too_bright or (believed > 0.0 and not same):
+                    contradicting += BLIND
+                elif believed > 0.0 or shown >= 2:
+                    agreeing += BLIND
+                    closeness += BLIND * (1.0 - 0.5 * turn)
+                    if believed > 0.0:
+                        needles_agreeing += BLIND
+
+    found = wp.float32(0.0)
+    missed = wp.float32(0.0)
+    if contour_depth.shape[2] > 0:
+        for side in range(2):
+            for j in range(size):
+                z = contour_depth[h, side, i, j]
+                if z > 0.0:
+                    uv = contour_uv[h, side, i, j]
+                    beyond = hit_depth(depth, triangle, h, i + side, j + 1 - side)
+                    toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, CONTOUR_STEP, -CONTOUR_STEP)
+                    shift = wp.where(side == 0, wp.vec2(toward, 0.0), wp.vec2(0.0, toward))
+                    inner = depth_at(maps, uv - shift)
+                    outer = depth_at(maps, uv + shift)
+                    steps = outer > 0.0 and wp.abs(outer - inner) > 0.5 * limits.jump
+                    at_edge = wp.bool(False)
+                    if limits.edge > 0.0:
+                        at_edge = edge_distance(maps, uv) < limits.edge
+                    # only where the contour itself is seen: inside of it the scene is at the pose's depth
+                    if inner > 0.0:
+                        if wp.abs(inner - z) < limits.jump:
+                            # depth sensors lose the far side of a step: where nothing was measured outside, the surface
+                            # has ended. Depth from two cameras isn't known where no needle is: there an edge has to
+                            # tell
+                            if steps or wp.where(limits.edge > 0.0, at_edge, outer <= 0.0):
+                                found += 1.0
+                            else:
+                                missed += 1.0
+                    elif limits.edge > 0.0:
+                        found += wp.where(at_edge, BLIND, 0.0)
+                        missed += wp.where(at_edge, 0.0, BLIND)
+    counts[h, i] = counts7(agreeing, closeness, needles_agreeing, contradicting, hidden, found, missed)
+
+
+def limits_of(depth: float, needle: float, jump: float, edge: float):
+    """Depth and jump [mm], needle [rad], edge [px]."""
+    limits = Limits()
+    limits.depth, limits.needle_cosine, limits.jump, limits.edge = depth, float(np.cos(needle)), jump, edge
+    return limits
+
+
+def row_counts(count: int, size: int, device: str) -> wp.array:
+    """Room for the counts of every row of every window."""
+    return wp.empty((count, size), dtype=counts7, device=device)
+
+
+def count_rows(
+    seen: Windows, by: SeenBy, normal_obj: wp.array, limits, first: int, last: int, counts: wp.array
+) -> None:
+    """Counts in the rows of windows first .. last - 1, whose rays are cast."""
+    wp.launch(
+        agreement_kernel, dim=(last - first, seen.size),
+        inputs=[
+            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth, normal_obj,
+            by.maps, float(seen.stride), limits, first,
+        ],
+        outputs=[counts], device=seen.device,
+    )  # fmt: skip
+
+
+def summed(counts: wp.array) -> Float[np.ndarray, "h 7"]:
+    """Counts of whole windows."""
+    return counts.numpy().sum(axis=1)

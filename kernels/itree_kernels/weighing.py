@@ -1,0 +1,207 @@
+"""The log-likelihood ratio of every pixel of a pose's window: how much better the pose explains it than anything else.
+
+See `itree_jax.refinement.likelihood` for what it says.
+"""
+# Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from itree_kernels.agreement import edge_distance
+from itree_kernels.scene_maps import SceneMaps, SeenBy
+from itree_kernels.windows import Windows
+
+SEEN_THROUGH = wp.constant(0.005)  # share of pixels at which a sensor sees farther than a surface that is there
+OUTLIERS = wp.constant(0.15)  # share of needles and brightnesses that reflected light or a highlight makes anything
+IN_SHADOW = wp.constant(0.4)  # share of a surface's pixels that a light doesn't reach: half is lit by all of three
+SHADING_STD = wp.constant(0.06)  # of full albedo: what reflected light and needles' noise add
+BRIGHTEST = wp.constant(1.3)  # of full albedo: something else shades anywhere between 0 and this
+LIT_SHADING = wp.constant(0.2)  # of full albedo: what reflected light fills shadows with is less
+EDGE_FOUND = 0.85  # share of a true contour's points with an observed edge beside them
+EDGE_BY_CHANCE = 0.3  # share of other points that have one
+BLIND = wp.constant(0.3)  # weight of a pixel without depth: the shading of neighbours errs together
+BORDER = wp.constant(0.2)  # [px] by which a pose's own error moves a slanted surface
+STEEPEST = wp.constant(0.15)
+NEAR = wp.constant(4.0)  # deviations of depth within which a pixel is the pose's own
+ROOT_2_PI = wp.constant(2.5066283)
+EDGE_YES = float(np.log(EDGE_FOUND / EDGE_BY_CHANCE))
+EDGE_NO = float(np.log((1.0 - EDGE_FOUND) / (1.0 - EDGE_BY_CHANCE)))
+
+
+@wp.struct
+class Errors:
+    """Standard deviations, and how far apart things may lie."""
+
+    depth: float  # [mm] of one pixel
+    needle: float  # [rad]
+    reach: float  # [mm] of depth over which something else may lie
+    pitch: float  # [mm] of a pixel at the working distance
+    edge: float  # [px]; 0: contours are steps of depth, which the pixels tell
+
+
+@wp.func
+def depth_ratio(gap: float, std: float, reach: float) -> float:
+    off = gap / std
+    fits = reach / (std * ROOT_2_PI) * wp.exp(-0.5 * off * off)
+    other = wp.where(gap < 0.0, 1.0, SEEN_THROUGH)
+    return wp.log((1.0 - SEEN_THROUGH) * fits + other)
+
+
+@wp.func
+def needle_ratio(cosine: float, std: float) -> float:
+    squared = 2.0 * (1.0 - cosine)  # angle^2, where it matters
+    variance = std * std
+    return wp.log((1.0 - OUTLIERS) / variance * wp.exp(-0.5 * squared / variance) + OUTLIERS)
+
+
+@wp.func
+def shading_ratio(maps: SceneMaps, row: int, column: int, normal: wp.vec3) -> float:
+    total = wp.float32(0.0)
+    for light in range(maps.lights.shape[0]):
+        seen = maps.shading[row, column, light]
+        expected = wp.max(wp.dot(normal, maps.lights[light]), 0.0)
+        off = (seen - expected) / SHADING_STD
+        lit = wp.exp(-0.5 * off * off) / (SHADING_STD * ROOT_2_PI)
+        less = 1.0 / (1.0 + wp.exp(2.0 * off)) / wp.max(expected, SHADING_STD)
+        ratio = BRIGHTEST * ((1.0 - IN_SHADOW) * lit + IN_SHADOW * less)
+        total += wp.log((1.0 - OUTLIERS) * ratio + OUTLIERS)
+    return total
+
+
+@wp.func
+def brightest(maps: SceneMaps, row: int, column: int) -> float:
+    most = wp.float32(0.0)
+    for light in range(maps.lights.shape[0]):
+        most = wp.max(most, maps.shading[row, column, light])
+    return most
+
+
+@wp.func
+def step_beside(depth: wp.array3d(dtype=float), h: int, i: int, j: int, jump: float) -> bool:
+    """Whether the predicted depth steps by more than `jump` [mm] or ends beside a pixel."""
+    z = depth[h, i, j]
+    for side in range(4):
+        row = i + wp.where(side == 0, 1, wp.where(side == 1, -1, 0))
+        column = j + wp.where(side == 2, 1, wp.where(side == 3, -1, 0))
+        other = wp.float32(0.0)
+        if row >= 0 and row < depth.shape[1] and column >= 0 and column < depth.shape[2]:
+            other = depth[h, row, column]
+        if wp.abs(other - z) > jump:
+            return True
+    return False
+
+
+@wp.kernel(enable_backward=False)
+def weighing_kernel(
+    # In:
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    origin_uv: wp.array(dtype=wp.vec2),
+    depth: wp.array3d(dtype=float),
+    triangle: wp.array3d(dtype=int),
+    contour_uv: wp.array(dtype=wp.vec2, ndim=4),
+    contour_depth: wp.array(dtype=float, ndim=4),
+    normal_obj: wp.array(dtype=wp.vec3),
+    maps: SceneMaps,
+    stride: float,
+    errors: Errors,
+    edge_yes: float,
+    edge_no: float,
+    first: int,
+    # Out:
+    pixels: wp.array3d(dtype=wp.float16),
+    hidden: wp.array3d(dtype=wp.bool),
+    lit: wp.array2d(dtype=float),
+    contour: wp.array2d(dtype=float),
+):
+    k, i = wp.tid()
+    h = first + k
+    size = depth.shape[2]
+    height = maps.depth.shape[0]
+    width = maps.depth.shape[1]
+    R = R_cam_obj[h]
+    row = int(origin_uv[h][1] + stride * float(i))
+    shown = wp.float32(0.0)
+    jump = 4.0 * errors.pitch * stride
+    for j in range(size):
+        ratio = wp.float32(0.0)
+        behind = wp.bool(False)
+        column = int(origin_uv[h][0] + stride * float(j))
+        inside = row >= 0 and row < height and column >= 0 and column < width
+        if inside and triangle[h, i, j] >= 0 and not step_beside(depth, h, i, j, jump):
+            normal = R * normal_obj[triangle[h, i, j]]
+            z = maps.depth[row, column]
+            with_needle = maps.needle_weight[row, column] > 0.0
+            by_needle = wp.float32(0.0)
+            if with_needle:
+                by_needle = needle_ratio(wp.dot(maps.normals[row, column], normal), errors.needle)
+            if z > 0.0:
+                moved = BORDER * errors.pitch / wp.clamp(wp.abs(normal[2]), STEEPEST, 1.0)
+                std = wp.sqrt(errors.depth * errors.depth + moved * moved)
+                gap = z - depth[h, i, j]
+                ratio = depth_ratio(gap, std, errors.reach)
+                if wp.abs(gap) < NEAR * std:
+                    ratio += by_needle
+                behind = gap < -NEAR * std
+            elif with_needle:
+                ratio = BLIND * by_needle
+            else:
+                ratio = BLIND * shading_ratio(maps, row, column, normal)
+            if ratio > 0.0 and brightest(maps, row, column) > LIT_SHADING:
+                shown += 1.0
+        pixels[h, i, j] = wp.float16(ratio)
+        hidden[h, i, j] = behind
+    lit[h, i] = shown
+
+    total = wp.float32(0.0)
+    if contour_depth.shape[2] > 0 and errors.edge > 0.0:
+        for side in range(2):
+            for j in range(size):
+                if contour_depth[h, side, i, j] > 0.0:
+                    at_edge = edge_distance(maps, contour_uv[h, side, i, j]) < errors.edge
+                    total += wp.where(at_edge, edge_yes, edge_no)
+    contour[h, i] = 0.5 * total  # contour points are counted along rows and along columns
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Log-likelihood ratios [nats] of windows, on the device."""
+
+    pixels: wp.array  # [h, s, s] of float16: above 0 the pose explains the pixel, below it contradicts it
+    hidden: wp.array  # [h, s, s] of bool: pixels of the pose behind something nearer
+    lit: wp.array  # [h, s] per row: pixels that speak for the pose and that a light shows
+    contour: wp.array  # [h, s] per row
+
+
+def room(count: int, size: int, device: str) -> Weighed:
+    """Room for what every window says."""
+    square, rows = (count, size, size), (count, size)
+    return Weighed(
+        wp.empty(square, dtype=wp.float16, device=device), wp.empty(square, dtype=wp.bool, device=device),
+        wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
+    )  # fmt: skip
+
+
+def errors_of(depth: float, needle: float, reach: float, pitch: float, edge: float):
+    """See `Errors`."""
+    errors = Errors()
+    errors.depth, errors.needle, errors.reach, errors.pitch, errors.edge = depth, needle, reach, pitch, edge
+    return errors
+
+
+def weigh_rows(
+    seen: Windows, by: SeenBy, normal_obj: wp.array, errors, first: int, last: int, weighed: Weighed
+) -> None:
+    """Weighs the pixels of windows first .. last - 1, whose rays are cast."""
+    wp.launch(
+        weighing_kernel, dim=(last - first, seen.size),
+        inputs=[
+            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth, normal_obj,
+            by.maps, float(seen.stride), errors, EDGE_YES, EDGE_NO, first,
+        ],
+        outputs=[weighed.pixels, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,
+    )  # fmt: skip

@@ -1,0 +1,255 @@
+"""Windows of a batch of poses: where they lie in the image, and what rays find of the part in them."""
+# Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
+# pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
+# pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from jaxtyping import Float
+
+from itree_kernels.camera import Camera
+from itree_kernels.mesh import RayMesh
+from itree_kernels.rays import camera_vector, ray_direction, ray_origin
+from itree_kernels.threads import launch_in_chunks
+from itree_kernels.warp_start import load_kernel
+
+CONTOUR_ERROR = 0.5  # [px] a contour point is found to about this, or to 1/4 of the stride if that is less
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Arrays on the device, a row per pose: the poses that rays were last cast at, and what the rays met.
+
+    Window pixel (i, j) of pose h is image point `origin_uv[h] + stride * (j, i)`.
+    """
+
+    R_cam_obj: wp.array  # of mat33
+    t_cam_obj: wp.array  # of vec3 [mm]
+    origin_uv: wp.array  # of vec2 [px], whole numbers
+    stale: wp.array  # of int: 1 where rays are to be cast again
+    depth: wp.array  # [h, s, s] z [mm], 0 where the part is missed
+    triangle: wp.array  # [h, s, s], -1 where the part is missed
+    contour_uv: wp.array  # [h, 2, s, s] of vec2: crossing toward the right / lower neighbour [px]; may be empty
+    contour_depth: wp.array  # [h, 2, s, s] z [mm] of the near side there, 0 where no contour
+    size: int
+    stride: int
+    device: str
+
+    @property
+    def count(self) -> int:
+        return self.stale.shape[0]
+
+    @property
+    def with_contours(self) -> bool:
+        return self.contour_depth.shape[2] > 0
+
+
+def windows(
+    R_cam_obj: Float[np.ndarray, "h 3 3"], t_cam_obj: Float[np.ndarray, "h 3"], origin_uv: Float[np.ndarray, "h 2"],
+    size: int, stride: int, device: str, contours: bool = True,
+) -> Windows:
+    """Windows of `size` x `size` pixels every `stride` pixels, no ray cast yet."""
+    count, side = len(R_cam_obj), size if contours else 0
+
+    def on_device(array: np.ndarray, kind: type) -> wp.array:
+        return wp.array(np.ascontiguousarray(array, dtype=np.float32), dtype=kind, device=device)
+
+    return Windows(
+        on_device(R_cam_obj, wp.mat33), on_device(t_cam_obj, wp.vec3), on_device(origin_uv, wp.vec2),
+        wp.full(count, 1, dtype=int, device=device),
+        wp.empty((count, size, size), dtype=float, device=device),
+        wp.empty((count, size, size), dtype=int, device=device),
+        wp.empty((count, 2, side, side), dtype=wp.vec2, device=device),
+        wp.empty((count, 2, side, side), dtype=float, device=device),
+        size, stride, device,
+    )
+
+
+@wp.func
+def cast(mesh: wp.uint64, R: wp.mat33, t: wp.vec3, u: float, v: float, camera: wp.vec4, orthographic: int,
+         near: float):
+    """(triangle or -1, z [mm]). The direction has z = 1 in the camera frame, so that the ray's parameter is z."""
+    origin = ray_origin(u, v, camera, orthographic)
+    direction = ray_direction(u, v, camera, orthographic)
+    # start just before the part: distances stay small, and an orthographic camera may stand anywhere
+    start = t[2] - near
+    o = wp.transpose(R) * (origin + start * direction - t)
+    d = wp.transpose(R) * direction
+    length = wp.length(d)
+    query = wp.mesh_query_ray(mesh, o, d / length, 4.0 * near)
+    if query.result:
+        return query.face, start + query.t / length
+    return -1, 0.0
+
+
+@wp.kernel(enable_backward=False)
+def window_kernel(
+    # In:
+    mesh: wp.uint64,
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3),
+    origin_uv: wp.array(dtype=wp.vec2),
+    camera: wp.vec4,
+    orthographic: int,
+    near: float,
+    stride: float,
+    first: int,
+    stale: wp.array(dtype=int),
+    # Out:
+    depth_out: wp.array3d(dtype=float),
+    triangle_out: wp.array3d(dtype=int),
+):
+    k, i, j = wp.tid()
+    h = first + k
+    if stale[h] == 0:
+        return
+    u = origin_uv[h][0] + stride * float(j)
+    v = origin_uv[h][1] + stride * float(i)
+    triangle, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], u, v, camera, orthographic, near)
+    depth_out[h, i, j] = z
+    triangle_out[h, i, j] = triangle
+
+
+@wp.kernel(enable_backward=False)
+def contour_kernel(
+    # In:
+    mesh: wp.uint64,
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3),
+    origin_uv: wp.array(dtype=wp.vec2),
+    camera: wp.vec4,
+    orthographic: int,
+    near: float,
+    stride: float,
+    jump: float,
+    bisections: int,
+    crease: float,
+    first: int,
+    stale: wp.array(dtype=int),
+    depth: wp.array3d(dtype=float),
+    triangle: wp.array3d(dtype=int),
+    normal_obj: wp.array(dtype=wp.vec3),
+    # Out:
+    contour_uv_out: wp.array(dtype=wp.vec2, ndim=4),
+    contour_depth_out: wp.array(dtype=float, ndim=4),
+):
+    k, side, i, j = wp.tid()
+    h = first + k
+    if stale[h] == 0:
+        return
+    s = depth.shape[1]
+    i2 = i + side
+    j2 = j + 1 - side
+    contour_uv_out[h, side, i, j] = wp.vec2(0.0, 0.0)
+    contour_depth_out[h, side, i, j] = 0.0
+    if i2 >= s or j2 >= s:
+        return
+    a = triangle[h, i, j]
+    b = triangle[h, i2, j2]
+    za = depth[h, i, j]
+    zb = depth[h, i2, j2]
+    if a < 0 and b < 0:
+        return
+    ua = origin_uv[h] + stride * wp.vec2(float(j), float(i))
+    ub = origin_uv[h] + stride * wp.vec2(float(j2), float(i2))
+    near_is_a = a >= 0
+    if a >= 0 and b >= 0:
+        # a contour where the farther point lies behind the tangent plane of the nearer one, not where depth differs
+        near_is_a = za <= zb
+        tri_near = wp.where(near_is_a, a, b)
+        n = R_cam_obj[h] * normal_obj[tri_near]
+        pa = ray_origin(ua[0], ua[1], camera, orthographic)
+        pa = pa + za * ray_direction(ua[0], ua[1], camera, orthographic)
+        pb = ray_origin(ub[0], ub[1], camera, orthographic)
+        pb = pb + zb * ray_direction(ub[0], ub[1], camera, orthographic)
+        gap = wp.dot(n, pb - pa)
+        if not near_is_a:
+            gap = -gap
+        if gap > -jump or wp.abs(za - zb) < jump:
+            if wp.dot(normal_obj[a], normal_obj[b]) >= crease:
+                return
+            # one surface that turns: its crease is where the normal changes sides
+            for _ in range(bisections):
+                middle = 0.5 * (ua + ub)
+                tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
+                if tri < 0 or wp.abs(z - za) > wp.abs(za - zb) + jump:
+                    return
+                if wp.dot(normal_obj[tri], normal_obj[a]) > wp.dot(normal_obj[tri], normal_obj[b]):
+                    a = tri
+                    ua = middle
+                    za = z
+                else:
+                    b = tri
+                    ub = middle
+            if wp.dot(normal_obj[a], normal_obj[b]) < crease:
+                contour_uv_out[h, side, i, j] = 0.5 * (ua + ub)
+                contour_depth_out[h, side, i, j] = za
+            return
+    inside = wp.where(near_is_a, ua, ub)
+    outside = wp.where(near_is_a, ub, ua)
+    z_near = wp.where(near_is_a, za, zb)
+    z_far = wp.where(near_is_a, zb, za)
+    far_hit = a >= 0 and b >= 0
+    for _ in range(bisections):
+        middle = 0.5 * (inside + outside)
+        tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
+        is_near = tri >= 0
+        if is_near and far_hit:
+            is_near = wp.abs(z - z_near) < wp.abs(z - z_far)
+        if is_near:
+            inside = middle
+            z_near = z
+        else:
+            outside = middle
+            z_far = z
+            far_hit = tri >= 0
+    # a step stays, however near its two sides are; on a steep face beyond a crease it has shrunk with their distance
+    if far_hit and wp.abs(z_far - z_near) < jump:
+        return
+    contour_uv_out[h, side, i, j] = 0.5 * (inside + outside)
+    contour_depth_out[h, side, i, j] = z_near
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """How rays are cast into windows."""
+
+    mesh: RayMesh
+    camera: Camera
+    reach: float  # [mm] no point of the part is farther than this from its origin
+    jump: float | None  # [mm] least step between two surfaces that is an occluding contour; None: no contours
+    crease: float | None  # [rad] creases that turn by more are contours too; None: none are
+
+    def load(self) -> None:
+        """Compiles the kernels, so that threads may launch them together."""
+        load_kernel(window_kernel, self.mesh.device)
+
+    def cast(self, seen: Windows, first: int, last: int) -> None:
+        """Casts the stale ones of the windows first .. last - 1."""
+        size, many = seen.size, last - first
+        common = [
+            self.mesh.warp_mesh.id, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, camera_vector(self.camera),
+            int(self.camera.is_orthographic), 2.0 * self.reach, float(seen.stride),
+        ]
+        wp.launch(window_kernel, dim=(many, size, size), inputs=[*common, first, seen.stale],
+                  outputs=[seen.depth, seen.triangle], device=seen.device)
+        if self.jump is None or not seen.with_contours:
+            return
+        # half of the last interval is the error: the middle is taken
+        bisections = max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
+        sharpest = -2.0 if self.crease is None else float(np.cos(self.crease))
+        wp.launch(
+            contour_kernel, dim=(many, 2, size, size),
+            inputs=[*common, float(self.jump), bisections, sharpest, first, seen.stale, seen.depth, seen.triangle,
+                    self.mesh.normals_obj],
+            outputs=[seen.contour_uv, seen.contour_depth], device=seen.device,
+        )
+
+    def cast_all(self, seen: Windows) -> None:
+        """Casts every stale window, on all cores."""
+        self.load()
+        rays = (3 if self.jump is not None else 1) * seen.size**2
+        launch_in_chunks(lambda a, b: self.cast(seen, a, b), seen.count, rays_each=rays, device=seen.device)
