@@ -16,7 +16,6 @@ from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
-UNSETTLED = 500.0  # [nats]: rivals that are beaten by more are not refined again, to spare the time
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
@@ -71,7 +70,7 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     plan, accepted = plan_of(answer, sight), answer.selection.accepted
     if plan.last is None or not len(accepted):
         return answer
-    close = [others[margins < UNSETTLED] for others, margins in answer.selection.rivals]
+    close = [others for others, _ in answer.selection.rivals]
     tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
     poses = refine(
@@ -93,7 +92,7 @@ def with_more(
 ) -> Interpretation:
     """The interpretation with more hypotheses, selected anew."""
     hypotheses = joined(answer.hypotheses, more)
-    all_judged = together(answer.judged, judged)._replace(near=rivalry(hypotheses, answer.prepared))
+    all_judged = together(answer.judged, judged).with_rivalry(rivalry(hypotheses, answer.prepared))
     return replace(
         answer, hypotheses=hypotheses, judged=all_judged,
         selection=select(all_judged, answer.prepared, hypotheses, sight),

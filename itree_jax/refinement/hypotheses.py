@@ -79,8 +79,7 @@ def best_of_each_region(
     for region in np.unique(hypotheses.region):
         order = np.flatnonzero(hypotheses.region == region)
         order = order[np.argsort(-score[order], kind="stable")]
-        apart = pose_distance(R[order][:, None], t[order][:, None], R[order][None], t[order][None], diameter)
-        repeats = apart < NEARLY_SAME * diameter
+        repeats = pose_distances(R[order], t[order], diameter) < NEARLY_SAME * diameter
         open_ = np.ones(len(order), bool)
         chosen: list[int] = []
         for k in range(len(order)):
@@ -98,6 +97,15 @@ def pose_distance(
     """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
     cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
     return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
+
+
+def pose_distances(
+    R: Float[np.ndarray, "n 3 3"], t: Float[np.ndarray, "n 3"], diameter: float
+) -> Float[np.ndarray, "n n"]:
+    """`pose_distance` of every pair."""
+    flat = np.asarray(R, np.float64).reshape(-1, 9)
+    turn = np.arccos(np.clip((flat @ flat.T - 1.0) / 2.0, -1.0, 1.0))
+    return np.linalg.norm(t[:, None] - t[None], axis=-1) + turn * diameter / 2.0
 
 
 def turns_about_axes(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,14 +13,18 @@ from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, 
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
+Ratio = Callable[[int, int, int], float]  # of two hypotheses of a part [nats]
+Explained = Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]]  # see `_pixels`
 Rivals = tuple[Int[np.ndarray, "others"], Float[np.ndarray, "others"]]
 
 LEAST_OWN_SHARE = 0.6  # of a pose's support that no better pose has explained already
 CLEAR = 1.0  # [nats] by which a pixel must differ between two poses before it has a say on which is right
+NO_RIVAL = 500.0  # [nats]: who is beaten by more has no share that a float can tell
 ROUNDS = 3  # of selecting again without the poses that the others made unlikely
 
 
-class Judged(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Judged:
     """The verified hypotheses of one part."""
 
     verdict: Verdict
@@ -28,16 +32,35 @@ class Judged(NamedTuple):
     least_pixels: float  # image pixels of the sensor's smallest region
     near: Bool[np.ndarray, "hypotheses hypotheses"]  # other poses of the same place
 
-    @property
+    @cached_property
     def log_likelihood(self) -> Float[np.ndarray, "hypotheses"]:
         """That of each pose against something else being there [nats, by image pixels]."""
         one = self.support
-        return (np.sum(one.pixels, axis=(1, 2), dtype=np.float64) + one.beside) * one.stride**2
+        return (self.spoken_for - self.spoken_against + one.beside) * one.stride**2
+
+    @cached_property
+    def spoken_for(self) -> Float[np.ndarray, "hypotheses"]:
+        """Nats of the window pixels that speak for each pose."""
+        return np.maximum(self.support.pixels, 0.0).sum(axis=(1, 2))
+
+    @cached_property
+    def spoken_against(self) -> Float[np.ndarray, "hypotheses"]:
+        """Nats of those that contradict it."""
+        return -np.minimum(self.support.pixels, 0.0).sum(axis=(1, 2))
+
+    @cached_property
+    def agreeing(self) -> Int[np.ndarray, "hypotheses"]:
+        """Window pixels that speak for each pose."""
+        return np.count_nonzero(self.support.pixels > 0, axis=(1, 2))
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
         verdict = Verdict(*(counts[index] for counts in self.verdict))
         return Judged(verdict, self.support.take(index), self.least_pixels, self.near[np.ix_(index, index)])
+
+    def with_rivalry(self, near: Bool[np.ndarray, "hypotheses hypotheses"]) -> "Judged":
+        """The same, once it is told who is near whom."""
+        return Judged(self.verdict, self.support, self.least_pixels, near)
 
 
 def together(first: Judged, second: Judged) -> Judged:
@@ -57,7 +80,8 @@ class Selection:
     score: Float[np.ndarray, "hypotheses"]  # probability of being right
     reason: tuple[str, ...]  # per hypothesis, "" if accepted
     measures: Measures  # of the accepted ones, beside each other
-    # of each accepted one: other poses of its place that no other answer excludes, and by how much it beats each [nats]
+    # of each accepted one: other poses of its place that no other answer excludes and that it beats by less than
+    # `NO_RIVAL`, and by how much [nats]
     rivals: tuple[Rivals, ...]
 
 
@@ -75,15 +99,17 @@ def select_jointly(
     scores = [probability(m, scoring) for m in alone]
     out: dict[Key, str] = {}
     for part, one in enumerate(judged):
-        agreeing = (one.support.pixels > 0).sum(axis=(1, 2)) * one.support.stride**2
+        agreeing = one.agreeing * one.support.stride**2
         for h in range(len(agreeing)):
             if agreeing[h] < one.least_pixels:
                 out[part, h] = "too few agreeing pixels"
             elif scores[part][h] < HOPELESS:
                 out[part, h] = "the rendered pose contradicts the scene"
+    ratio = cache(lambda part, a, b: likelihood_ratio(judged[part].support, a, b))
+    explained = cache(lambda part, h: _pixels(judged[part].support, h, image_shape))
     for _ in range(ROUNDS):
-        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
-        rivals = {key: _rivals(key, accepted, judged, share_space) for key in accepted}
+        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out, ratio, explained)
+        rivals = {key: _rivals(key, accepted, judged, share_space, ratio) for key in accepted}
         final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
@@ -111,7 +137,7 @@ def _selection(
 
 def _greedy(
     judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]], image_shape: tuple[int, int],
-    share_space: Callable[[Key, Key], bool], out: dict[Key, str],
+    share_space: Callable[[Key, Key], bool], out: dict[Key, str], ratio: Ratio, explained: Explained,
 ) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "height width"]]:
     """The accepted hypotheses, why others are not, and whose each pixel is (-1 nobody's)."""
     owner = np.full(image_shape, -1)
@@ -123,9 +149,9 @@ def _greedy(
     )
     waiting = [(part, h) for _, part, h in weighed]
     while waiting:
-        key = _best_of_place(waiting, judged)
+        key = _best_of_place(waiting, judged, ratio)
         waiting.remove(key)
-        rows, columns, weight = _pixels(judged[key[0]].support, key[1], image_shape)
+        rows, columns, weight = explained(*key)
         own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
         if own < LEAST_OWN_SHARE:
             reasons[key] = "a better pose explains the same pixels"
@@ -137,12 +163,12 @@ def _greedy(
     return accepted, reasons, owner
 
 
-def _best_of_place(waiting: Sequence[Key], judged: Sequence[Judged]) -> Key:
+def _best_of_place(waiting: Sequence[Key], judged: Sequence[Judged], ratio: Ratio) -> Key:
     """The likeliest hypothesis, or another one of its place that wins where the two differ."""
     part, best = waiting[0]
     one = judged[part]
     for p, h in waiting[1:]:
-        if p == part and one.near[best, h] and likelihood_ratio(one.support, h, best) > 0.0:
+        if p == part and one.near[best, h] and ratio(part, h, best) > 0.0:
             best = h
     return part, best
 
@@ -153,7 +179,7 @@ def likelihood_ratio(support: Support, a: int, b: int) -> float:
     Two refined poses of one place differ a little everywhere, by what is left of their errors; that says nothing.
     """
     shift = np.round((support.origin_uv[b] - support.origin_uv[a]) / support.stride).astype(int)
-    size = support.pixels.shape[1] + np.abs(shift).max()
+    size = support.pixels.shape[1] + int(np.abs(shift).max())
     both = np.zeros((2, size, size), np.float32)
     for k, (h, move) in enumerate(((a, np.maximum(-shift, 0)), (b, np.maximum(shift, 0)))):
         window = support.pixels[h]
@@ -165,10 +191,8 @@ def likelihood_ratio(support: Support, a: int, b: int) -> float:
 
 def measures_alone(one: Judged) -> Measures:
     """What the scores of all hypotheses go by, were they alone in the scene."""
-    pixels = one.support.pixels.astype(np.float32)
-    agreeing = (pixels > 0).sum(axis=(1, 2))
-    for_, against = np.maximum(pixels, 0).sum(axis=(1, 2)), -np.minimum(pixels, 0).sum(axis=(1, 2))
-    hidden = one.support.hidden.sum(axis=(1, 2))
+    agreeing, for_, against = one.agreeing, one.spoken_for, one.spoken_against
+    hidden = np.count_nonzero(one.support.hidden, axis=(1, 2))
     some = np.maximum(agreeing, 1)
     verdict = one.verdict
     return Measures(
@@ -205,16 +229,16 @@ def _in_company(
 
 
 def _rivals(
-    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool]
+    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool], ratio: Ratio
 ) -> Rivals:
     part, h = key
     others = [other for other in accepted if other != key]
-    found = [
-        int(k) for k in np.flatnonzero(judged[part].near[h])
-        if not any(share_space((part, int(k)), other) for other in others)
-    ]  # fmt: skip
-    margins = [likelihood_ratio(judged[part].support, h, k) for k in found]
-    return np.array(found, int), np.array(margins, float)
+    margins = {int(k): ratio(part, h, int(k)) for k in np.flatnonzero(judged[part].near[h])}
+    found = {
+        k: margin for k, margin in margins.items()
+        if margin < NO_RIVAL and not any(share_space((part, k), other) for other in others)
+    }  # fmt: skip
+    return np.array(list(found), int), np.array(list(found.values()), float)
 
 
 def _pixels(

@@ -20,14 +20,16 @@ class Solid:
     mesh: RayMesh
     probes_obj: Float[np.ndarray, "probes 3"]  # empty for an open mesh, which has no inside
     depth: float  # [mm]
+    low: Float[np.ndarray, "3"]  # corners of its bounding box [mm]
+    high: Float[np.ndarray, "3"]
 
 
 def solid(mesh: RayMesh, diameter: float, watertight: bool) -> Solid:
     """Draws the probes. An open mesh excludes nothing."""
-    if not watertight:
-        return Solid(mesh, np.zeros((0, 3)), DEPTH * diameter)
-    rng = np.random.default_rng(SEED)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    if not watertight:
+        return Solid(mesh, np.zeros((0, 3)), DEPTH * diameter, low, high)
+    rng = np.random.default_rng(SEED)
     points = rng.uniform(low, high, (20 * PROBES, 3))
     distance = signed_distance(mesh, points)
     # in a thin part nothing lies deep: a good pose's error must still fit in a quarter of its thickness
@@ -35,7 +37,7 @@ def solid(mesh: RayMesh, diameter: float, watertight: bool) -> Solid:
     inside = points[distance < -depth]
     if len(inside) < PROBES // 4:  # a thin part: points anywhere inside
         inside = points[distance < 0]
-    return Solid(mesh, inside[:PROBES], depth)
+    return Solid(mesh, inside[:PROBES], depth, low, high)
 
 
 def share_space(
@@ -53,4 +55,6 @@ def _intrudes(a: Solid, R_a, t_a, b: Solid, R_b, t_b) -> bool:
     if len(a.probes_obj) == 0 or len(b.probes_obj) == 0:
         return False
     in_b = (a.probes_obj @ R_a.T + t_a - t_b) @ R_b
-    return bool(np.mean(signed_distance(b.mesh, in_b) < -b.depth) > SHARED)
+    near = in_b[((in_b > b.low) & (in_b < b.high)).all(axis=1)]
+    enough = SHARED * len(in_b)
+    return len(near) > enough and np.count_nonzero(signed_distance(b.mesh, near) < -b.depth) > enough

@@ -30,6 +30,7 @@ def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
     return mode_of_albedo(jnp.asarray(needle.albedo), jnp.asarray(needle.interpretable))
 
 
+@jax.jit
 def mode_of_albedo(
     albedo: Float[Array, "*batch height width"], interpretable: Bool[Array, "*batch height width"]
 ) -> Float[Array, "*batch"]:

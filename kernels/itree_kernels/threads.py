@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from itertools import pairwise
 
 RAYS_WORTH_A_THREAD = 4096  # below this a thread costs more than it brings
@@ -23,6 +24,11 @@ def launch_in_chunks(launch: Callable[[int, int], None], count: int, rays_each: 
     # four chunks a thread: windows differ in how many of their rays hit
     chunks = min(count, 4 * threads)
     bounds = [count * k // chunks for k in range(chunks + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        for done in [pool.submit(launch, a, b) for a, b in pairwise(bounds)]:
-            done.result()
+    for done in [_workers(cores).submit(launch, a, b) for a, b in pairwise(bounds)]:
+        done.result()
+
+
+@cache
+def _workers(cores: int) -> ThreadPoolExecutor:
+    """Threads that wait for work: to start them anew costs as much as a small launch."""
+    return ThreadPoolExecutor(cores, thread_name_prefix="kernels")

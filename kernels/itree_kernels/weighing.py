@@ -113,7 +113,7 @@ def weighing_kernel(
     edge_no: float,
     first: int,
     # Out:
-    pixels: wp.array3d(dtype=wp.float16),
+    pixels: wp.array3d(dtype=float),
     hidden: wp.array3d(dtype=wp.bool),
     lit: wp.array2d(dtype=float),
     contour: wp.array2d(dtype=float),
@@ -153,7 +153,7 @@ def weighing_kernel(
                 ratio = BLIND * shading_ratio(maps, row, column, normal)
             if ratio > 0.0 and brightest(maps, row, column) > LIT_SHADING:
                 shown += 1.0
-        pixels[h, i, j] = wp.float16(ratio)
+        pixels[h, i, j] = ratio
         hidden[h, i, j] = behind
     lit[h, i] = shown
 
@@ -171,7 +171,7 @@ def weighing_kernel(
 class Weighed:
     """Log-likelihood ratios [nats] of windows, on the device."""
 
-    pixels: wp.array  # [h, s, s] of float16: above 0 the pose explains the pixel, below it contradicts it
+    pixels: wp.array  # [h, s, s]: above 0 the pose explains the pixel, below it contradicts it
     hidden: wp.array  # [h, s, s] of bool: pixels of the pose behind something nearer
     lit: wp.array  # [h, s] per row: pixels that speak for the pose and that a light shows
     contour: wp.array  # [h, s] per row
@@ -181,7 +181,7 @@ def room(count: int, size: int, device: str) -> Weighed:
     """Room for what every window says."""
     square, rows = (count, size, size), (count, size)
     return Weighed(
-        wp.empty(square, dtype=wp.float16, device=device), wp.empty(square, dtype=wp.bool, device=device),
+        wp.empty(square, dtype=float, device=device), wp.empty(square, dtype=wp.bool, device=device),
         wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
     )  # fmt: skip
 
