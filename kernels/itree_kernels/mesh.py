@@ -22,6 +22,7 @@ class RayMesh:
     triangle_normals: Float[np.ndarray, "triangles 3"]  # outward, unit; 0 where a triangle has no area
     centre: Float[np.ndarray, "3"]  # of the bounding sphere [mm]
     radius: float  # of the bounding sphere [mm]
+    is_closed: bool  # every edge has a triangle on either side, both wound alike: nothing is seen from inside
     shadow_offset: float  # how far a shadow ray starts above its surface [mm]
     device: str  # Warp's name, "cpu" or "cuda:0"
     warp_mesh: wp.Mesh
@@ -58,6 +59,7 @@ def ray_mesh(
             triangle_normals=normals,
             centre=centre,
             radius=radius,
+            is_closed=is_closed(triangles),
             shadow_offset=SHADOW_OFFSET * reach,
             device=name,
             warp_mesh=mesh,
@@ -74,6 +76,14 @@ def triangle_normals(
     cross = np.cross(b - a, c - a)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+
+def is_closed(triangles: Int[np.ndarray, "triangles 3"]) -> bool:
+    """Whether each edge is run through once in either direction."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    count = edges.max(initial=0) + 1
+    there, back = edges @ [count, 1], edges @ [1, count]
+    return len(np.unique(there)) == len(there) and np.array_equal(np.sort(there), np.sort(back))
 
 
 def _checked(vertices: np.ndarray, triangles: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
-from itree_kernels.rays import camera_vector, ray_direction, ray_origin
+from itree_kernels.raster import TRIANGLES_PER_PIXEL, raster_kernel
+from itree_kernels.rays import camera_vector, ray_direction, ray_origin, surface_point
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
@@ -113,6 +114,58 @@ def window_kernel(
     triangle_out[h, i, j] = triangle
 
 
+@wp.func
+def crease_between(
+    mesh: wp.uint64, R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, near: float, jump: float,
+    bisections: int, crease: float, normal_obj: wp.array(dtype=wp.vec3), a: int, b: int, za: float, zb: float,
+    ua: wp.vec2, ub: wp.vec2,
+):
+    """(image point [px], z [mm]) of the crease between two pixels of one surface; z = 0 where it only bends."""
+    reach = wp.abs(za - zb) + jump
+    for _ in range(bisections):
+        middle = 0.5 * (ua + ub)
+        tri, z = cast(mesh, R, t, middle[0], middle[1], camera, orthographic, near)
+        if tri < 0 or wp.abs(z - za) > reach:
+            return middle, 0.0
+        if wp.dot(normal_obj[tri], normal_obj[a]) > wp.dot(normal_obj[tri], normal_obj[b]):
+            a = tri
+            ua = middle
+            za = z
+        else:
+            b = tri
+            ub = middle
+    found = wp.dot(normal_obj[a], normal_obj[b]) < crease
+    return 0.5 * (ua + ub), wp.where(found, za, 0.0)
+
+
+@wp.func
+def step_between(
+    mesh: wp.uint64, R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, near: float, jump: float,
+    bisections: int, near_is_a: bool, far_hit: bool, za: float, zb: float, ua: wp.vec2, ub: wp.vec2,
+):
+    """(image point [px], z [mm] of the near side) of the occluding contour between two pixels; z = 0 where none is."""
+    inside = wp.where(near_is_a, ua, ub)
+    outside = wp.where(near_is_a, ub, ua)
+    z_near = wp.where(near_is_a, za, zb)
+    z_far = wp.where(near_is_a, zb, za)
+    for _ in range(bisections):
+        middle = 0.5 * (inside + outside)
+        tri, z = cast(mesh, R, t, middle[0], middle[1], camera, orthographic, near)
+        is_near = tri >= 0
+        if is_near and far_hit:
+            is_near = wp.abs(z - z_near) < wp.abs(z - z_far)
+        if is_near:
+            inside = middle
+            z_near = z
+        else:
+            outside = middle
+            z_far = z
+            far_hit = tri >= 0
+    # a step stays, however near its two sides are; on a steep face beyond a crease it has shrunk with their distance
+    flat = far_hit and wp.abs(z_far - z_near) < jump
+    return 0.5 * (inside + outside), wp.where(flat, 0.0, z_near)
+
+
 @wp.kernel(enable_backward=False)
 def contour_kernel(
     # In:
@@ -136,81 +189,56 @@ def contour_kernel(
     contour_uv_out: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth_out: wp.array(dtype=float, ndim=4),
 ):
-    k, side, i, j = wp.tid()
+    """A row of a window: the contours between its pixels and their right and lower neighbours."""
+    k, i = wp.tid()
     h = first + k
     if stale[h] == 0:
         return
     s = depth.shape[1]
-    i2 = i + side
-    j2 = j + 1 - side
-    contour_uv_out[h, side, i, j] = wp.vec2(0.0, 0.0)
-    contour_depth_out[h, side, i, j] = 0.0
-    if i2 >= s or j2 >= s:
-        return
-    a = triangle[h, i, j]
-    b = triangle[h, i2, j2]
-    za = depth[h, i, j]
-    zb = depth[h, i2, j2]
-    if a < 0 and b < 0:
-        return
-    ua = origin_uv[h] + stride * wp.vec2(float(j), float(i))
-    ub = origin_uv[h] + stride * wp.vec2(float(j2), float(i2))
-    near_is_a = a >= 0
-    if a >= 0 and b >= 0:
-        # a contour where the farther point lies behind the tangent plane of the nearer one, not where depth differs
-        near_is_a = za <= zb
-        tri_near = wp.where(near_is_a, a, b)
-        n = R_cam_obj[h] * normal_obj[tri_near]
-        pa = ray_origin(ua[0], ua[1], camera, orthographic)
-        pa = pa + za * ray_direction(ua[0], ua[1], camera, orthographic)
-        pb = ray_origin(ub[0], ub[1], camera, orthographic)
-        pb = pb + zb * ray_direction(ub[0], ub[1], camera, orthographic)
-        gap = wp.dot(n, pb - pa)
-        if not near_is_a:
-            gap = -gap
-        if gap > -jump or wp.abs(za - zb) < jump:
-            if wp.dot(normal_obj[a], normal_obj[b]) >= crease:
-                return
-            # one surface that turns: its crease is where the normal changes sides
-            for _ in range(bisections):
-                middle = 0.5 * (ua + ub)
-                tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
-                if tri < 0 or wp.abs(z - za) > wp.abs(za - zb) + jump:
-                    return
-                if wp.dot(normal_obj[tri], normal_obj[a]) > wp.dot(normal_obj[tri], normal_obj[b]):
-                    a = tri
-                    ua = middle
-                    za = z
-                else:
-                    b = tri
-                    ub = middle
-            if wp.dot(normal_obj[a], normal_obj[b]) < crease:
-                contour_uv_out[h, side, i, j] = 0.5 * (ua + ub)
-                contour_depth_out[h, side, i, j] = za
-            return
-    inside = wp.where(near_is_a, ua, ub)
-    outside = wp.where(near_is_a, ub, ua)
-    z_near = wp.where(near_is_a, za, zb)
-    z_far = wp.where(near_is_a, zb, za)
-    far_hit = a >= 0 and b >= 0
-    for _ in range(bisections):
-        middle = 0.5 * (inside + outside)
-        tri, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], middle[0], middle[1], camera, orthographic, near)
-        is_near = tri >= 0
-        if is_near and far_hit:
-            is_near = wp.abs(z - z_near) < wp.abs(z - z_far)
-        if is_near:
-            inside = middle
-            z_near = z
-        else:
-            outside = middle
-            z_far = z
-            far_hit = tri >= 0
-    # a step stays, however near its two sides are; on a steep face beyond a crease it has shrunk with their distance
-    if far_hit and wp.abs(z_far - z_near) < jump:
-        return
-    contour_uv_out[h, side, i, j] = 0.5 * (inside + outside)
-    contour_depth_out[h, side, i, j] = z_near
+    R = R_cam_obj[h]
+    t = t_cam_obj[h]
+    for side in range(2):
+        i2 = i + side
+        for j in range(s):
+            contour_uv_out[h, side, i, j] = wp.vec2(0.0, 0.0)
+            contour_depth_out[h, side, i, j] = 0.0
+            j2 = j + 1 - side
+            if i2 < s and j2 < s:
+                a = triangle[h, i, j]
+                b = triangle[h, i2, j2]
+                if a != b:
+                    za = depth[h, i, j]
+                    zb = depth[h, i2, j2]
+                    ua = origin_uv[h] + stride * wp.vec2(float(j), float(i))
+                    ub = origin_uv[h] + stride * wp.vec2(float(j2), float(i2))
+                    both = a >= 0 and b >= 0
+                    near_is_a = a >= 0
+                    smooth = wp.bool(False)
+                    if both:
+                        near_is_a = za <= zb
+                        smooth = wp.abs(za - zb) < jump
+                        if not smooth:
+                            # a contour where the farther point lies behind the tangent plane of the nearer one, not
+                            # where depth differs
+                            n = R * normal_obj[wp.where(near_is_a, a, b)]
+                            pa = surface_point(ua[0], ua[1], za, camera, orthographic)
+                            pb = surface_point(ub[0], ub[1], zb, camera, orthographic)
+                            gap = wp.dot(n, pb - pa)
+                            smooth = wp.where(near_is_a, gap, -gap) > -jump
+                    if not smooth:
+                        uv, z = step_between(
+                            mesh, R, t, camera, orthographic, near, jump, bisections, near_is_a, both, za, zb, ua, ub
+                        )
+                        contour_uv_out[h, side, i, j] = uv
+                        contour_depth_out[h, side, i, j] = z
+                    elif wp.dot(normal_obj[a], normal_obj[b]) < crease:
+                        # one surface that turns: its crease is where the normal changes sides
+                        uv, z = crease_between(
+                            mesh, R, t, camera, orthographic, near, jump, bisections, crease, normal_obj, a, b, za, zb,
+                            ua, ub,
+                        )
+                        contour_uv_out[h, side, i, j] = uv
+                        contour_depth_out[h, side, i, j] = z
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +254,11 @@ class Rays:
     def load(self) -> None:
         """Compiles the kernels, so that threads may launch them together."""
         load_kernel(window_kernel, self.mesh.device)
+        load_kernel(raster_kernel, self.mesh.device)
+
+    def fills(self, size: int) -> bool:
+        """Whether windows of this size are filled triangle by triangle: on a CPU, unless the mesh is too fine."""
+        return self.mesh.device == "cpu" and len(self.mesh.triangles) <= TRIANGLES_PER_PIXEL * size**2
 
     def cast(self, seen: Windows, first: int, last: int) -> None:
         """Casts the stale ones of the windows first .. last - 1."""
@@ -234,15 +267,25 @@ class Rays:
             self.mesh.warp_mesh.id, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, camera_vector(self.camera),
             int(self.camera.is_orthographic), 2.0 * self.reach, float(seen.stride),
         ]
-        wp.launch(window_kernel, dim=(many, size, size), inputs=[*common, first, seen.stale],
-                  outputs=[seen.depth, seen.triangle], device=seen.device)
+        if self.fills(size):
+            wp.launch(
+                raster_kernel, dim=many,
+                inputs=[
+                    self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices, self.mesh.normals_obj,
+                    int(self.mesh.is_closed), *common[1:6], float(seen.stride), first, seen.stale,
+                ],
+                outputs=[seen.depth, seen.triangle], device=seen.device,
+            )  # fmt: skip
+        else:
+            wp.launch(window_kernel, dim=(many, size, size), inputs=[*common, first, seen.stale],
+                      outputs=[seen.depth, seen.triangle], device=seen.device)
         if self.jump is None or not seen.with_contours:
             return
         # half of the last interval is the error: the middle is taken
         bisections = max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
         sharpest = -2.0 if self.crease is None else float(np.cos(self.crease))
         wp.launch(
-            contour_kernel, dim=(many, 2, size, size),
+            contour_kernel, dim=(many, size),
             inputs=[*common, float(self.jump), bisections, sharpest, first, seen.stale, seen.depth, seen.triangle,
                     self.mesh.normals_obj],
             outputs=[seen.contour_uv, seen.contour_depth], device=seen.device,
