@@ -110,8 +110,8 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~known)
     depth = None if sight.depth is None else np.where(known, np.float32(0.0), sight.depth)
     found = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges)
-    if sight.lit is not None and depth is not None and sight.kind == "depth":
-        normals = depth_needles(depth, sight.sensor.camera, sight.noise)
+    if sight.lit is not None and sight.depth is not None and depth is not None and sight.kind == "depth":
+        normals = sight.of_depth or depth_needles(sight.depth, sight.sensor.camera, sight.noise)
         free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
         labels = faces_of_segments(np.where(free, depth_segments(depth, sight.sensor), 0), normals.normals)
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)

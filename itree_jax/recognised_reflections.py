@@ -23,7 +23,7 @@ from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 from itree_jax.stereo.second_camera import SecondCamera
 
-PATHS = 8  # per pixel, averaged over some 40 pixels of its face: 5 % of what is predicted where half of them hit a part
+PATHS = 4  # per pixel, averaged over some 40 pixels of its face: 8 % of what is predicted where half of them hit a part
 REACH = 3  # [px] of that average: reflected light changes over millimetres, and a pixel is half of one
 ONE_FACE = float(np.cos(np.radians(12.0)))  # neighbours whose normals differ by less see the same surroundings
 BORDER = 2  # [px]: a pose's shadow ends anywhere about there

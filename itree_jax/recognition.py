@@ -147,7 +147,7 @@ def look_again(
     cleared = subtract_reflections(images, answers, sight, second)
     if cleared is not None:
         images, second = cleared
-        sight = look(images, sensor, depth, R_w2c, second)
+        sight = look(images, sensor, depth, R_w2c, second, of_depth=sight.of_depth)
     responses = responses_of_parts(answers, sight) if depth is None else None
     if responses is not None:
         sight = look(images, sensor, depth, R_w2c, second, responses)

@@ -11,6 +11,7 @@ from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_ed
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
+from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.edges import SceneEdges, scene_edges
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
@@ -45,6 +46,7 @@ class Sight:
     depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
     edges: SceneEdges | None = None  # that part regions where there is no depth
     R_w2c: Float[np.ndarray, "3 3"] | None = None
+    of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface
     lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
 
     @property
@@ -84,10 +86,11 @@ def look(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
     responses: Sequence[MaterialResponse | None] = (None, None),
+    of_depth: DepthNeedles | None = None,
 ) -> Sight:
     """Looks at one image under each light, with a depth map [mm] (0 = none), a second camera, or neither.
 
-    `responses` of the material, as each camera sees it, if they are known.
+    `responses` of the material, as each camera sees it, and the normals of the depth map, if they are known.
 
     Raises `ItreeError` as `dual_photometric_stereo` does.
     """
@@ -97,15 +100,17 @@ def look(
         assert second is not None
         return look_with_two(images, sensor, second, R_w2c, responses)
     depth = np.asarray(depth, np.float32)
-    needle = read_needles(images, sensor, depth, responses[0])
-    found = regions(needle, depth, sensor, R_w2c)
     noise = depth_noise(depth, depth > 0)
+    if of_depth is None and not sensor.is_depth_camera:
+        of_depth = depth_needles(depth, sensor.camera, noise)
+    needle = read_needles(images, sensor, depth, responses[0], of_depth)
+    found = regions(needle, depth, sensor, R_w2c)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
     if not sensor.is_depth_camera:
         observed = with_shading(observed, images, sensor, needle)
     return Sight(
         found, needle, observed, segment_centres(found.labels, depth, sensor), noise, sensor, depth=depth, R_w2c=R_w2c,
-        lit=lit_by_any(images, sensor, needle),
+        of_depth=of_depth, lit=lit_by_any(images, sensor, needle),
     )  # fmt: skip
 
 

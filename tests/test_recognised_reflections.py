@@ -97,7 +97,7 @@ def test_predicted_light_is_what_reflections_add(images, lamps_alone):
     part = shown.instance >= 0
     for side in (0, 1):
         here = shown.instance == side
-        # eight paths from each of a thousand pixels: 2 %, which all lights share
+        # four paths from each of a thousand pixels: 2 %, which all lights share
         np.testing.assert_allclose(light[:, here].mean(axis=1), added[:, here].mean(axis=1), rtol=0.06, atol=5e-4)
     # one pixel: the noise of either, and a mean over pixels where light falls off within some of them
     assert np.abs(light - added)[:, part].mean() < 0.2 * added[:, part].mean()

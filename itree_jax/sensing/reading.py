@@ -5,7 +5,7 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
 from itree_jax.sensing.depth_camera import needles_of_depth
-from itree_jax.sensing.depth_needles import depth_needles
+from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.depth_steps import depth_noise
 from itree_jax.sensing.material_response import MaterialResponse, apply_response, fit_response
 from itree_jax.sensing.needle import NeedleMap
@@ -18,12 +18,13 @@ def read_needles(
     sensor: Sensor,
     depth: Float[np.ndarray, "height width"] | None,
     response: MaterialResponse | None = None,
+    of_depth: DepthNeedles | None = None,
 ) -> NeedleMap:
     """The needle map of one image under each light, or of a depth camera's map, as NumPy arrays.
 
     A depth map [mm] (0 = none) tells normals too, coarsely but without a reflectance: what photometric stereo makes of
     the material is fitted to them (`material_response`), and used where that helps. A `response` that is known already
-    is used instead.
+    is used instead, and so are the normals `of_depth`.
     """
     if sensor.is_depth_camera:
         if depth is None:
@@ -31,13 +32,16 @@ def read_needles(
         return needles_of_depth(depth, sensor)
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
     if response is None and depth is not None:
-        response = response_of_depth(needle, depth, sensor)
+        response = response_of_depth(needle, depth, sensor, of_depth)
     return needle if response is None else apply_response(needle, response)
 
 
-def response_of_depth(needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor) -> MaterialResponse:
-    """The response of the material, fitted to the normals of a depth map [mm] (0 = none)."""
-    of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
+def response_of_depth(
+    needle: NeedleMap, depth: Float[np.ndarray, "height width"], sensor: Sensor, of_depth: DepthNeedles | None = None
+) -> MaterialResponse:
+    """The response of the material, fitted to the normals of a depth map [mm] (0 = none); they may be known already."""
+    if of_depth is None:
+        of_depth = depth_needles(depth, sensor.camera, depth_noise(depth, depth > 0))
     return fit_response(needle, of_depth.normals, of_depth.known)
 
 
