@@ -199,7 +199,7 @@ def test_answers_clear_the_images_of_both_cameras(images):
     expected = without_reflections(images, sight.needle, SENSOR, groove(), R, T)
     np.testing.assert_array_equal(cleared, expected)
     assert other is not None
-    assert np.abs(other.images - alone.images).mean() < 0.15 * np.abs(second.images - alone.images).mean()
+    assert np.abs(other.images - alone.images).mean() < 0.2 * np.abs(second.images - alone.images).mean()
     np.testing.assert_array_equal(other.sensor.light_directions, second.sensor.light_directions)
     assert subtract_reflections(images, answers(score=0.2), sight, second) is None
     alone_with_depth: Any = SimpleNamespace(sensor=SENSOR, needle=sight.needle, others=(), beside=())

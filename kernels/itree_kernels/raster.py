@@ -49,17 +49,19 @@ def raster_kernel(
     t = t_cam_obj[h]
     origin = origin_uv[h]
     per_stride = 1.0 / stride
+    axis_obj = wp.transpose(R) * wp.vec3(0.0, 0.0, 1.0)
+    camera_obj = -(wp.transpose(R) * t)
     for i in range(size):
         for j in range(size):
             depth_out[h, i, j] = 0.0
             triangle_out[h, i, j] = -1
     for face in range(normal_obj.shape[0]):
-        A = R * vertices[corners[3 * face]] + t
+        corner = vertices[corners[3 * face]]
         visible = wp.bool(True)
         if closed == 1:  # what faces away lies behind what faces the camera
-            normal = R * normal_obj[face]
-            visible = wp.where(orthographic == 1, normal[2], wp.dot(normal, A)) < 0.0
+            visible = wp.dot(normal_obj[face], wp.where(orthographic == 1, axis_obj, corner - camera_obj)) < 0.0
         if visible:
+            A = R * corner + t
             B = R * vertices[corners[3 * face + 1]] + t
             C = R * vertices[corners[3 * face + 2]] + t
             if orthographic == 1 or (A[2] > 0.0 and B[2] > 0.0 and C[2] > 0.0):
