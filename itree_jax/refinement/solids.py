@@ -57,4 +57,4 @@ def _intrudes(a: Solid, R_a, t_a, b: Solid, R_b, t_b) -> bool:
     in_b = (a.probes_obj @ R_a.T + t_a - t_b) @ R_b
     near = in_b[((in_b > b.low) & (in_b < b.high)).all(axis=1)]
     enough = SHARED * len(in_b)
-    return len(near) > enough and np.count_nonzero(signed_distance(b.mesh, near) < -b.depth) > enough
+    return len(near) > enough and bool(np.count_nonzero(signed_distance(b.mesh, near) < -b.depth) > enough)

@@ -54,6 +54,25 @@ def edge_distance(maps: SceneMaps, uv: wp.vec2) -> float:
 
 
 @wp.func
+def shading_support(maps: SceneMaps, row: int, column: int, normal: wp.vec3):
+    """How many lights show what the pose's normal predicts, and whether one shows more than it can.
+
+    A light that shows less may be in shadow there: it says nothing. Outside of the image nothing does.
+    """
+    shown = wp.int32(0)
+    too_bright = wp.bool(False)
+    if row >= 0 and row < maps.depth.shape[0] and column >= 0 and column < maps.depth.shape[1]:
+        for light in range(maps.lights.shape[0]):
+            expected = wp.max(wp.dot(normal, maps.lights[light]), 0.0)
+            more = maps.shading[row, column, light] - expected
+            if wp.abs(more) < SAME_SHADING and expected > LIT_SHADING:
+                shown += 1
+            if more > TOO_BRIGHT:
+                too_bright = wp.bool(True)
+    return shown, too_bright
+
+
+@wp.func
 def hit_depth(depth: wp.array3d(dtype=float), triangle: wp.array3d(dtype=int), h: int, i: int, j: int) -> float:
     """z [mm] of the pose at a window pixel; `FAR` where it misses, or outside of the window."""
     if i >= depth.shape[1] or j >= depth.shape[2]:
@@ -118,16 +137,7 @@ def agreement_kernel(
                     if believed > 0.0:
                         needles_agreeing += 1.0
             elif limits.edge > 0.0:
-                shown = wp.int32(0)
-                too_bright = wp.bool(False)
-                if inside:
-                    for light in range(maps.lights.shape[0]):
-                        expected = wp.max(wp.dot(normal, maps.lights[light]), 0.0)
-                        more = maps.shading[row, column, light] - expected
-                        if wp.abs(more) < SAME_SHADING and expected > LIT_SHADING:
-                            shown += 1
-                        if more > TOO_BRIGHT:
-                            too_bright = True
+                shown, too_bright = shading_support(maps, row, column, normal)
                 if too_bright or (believed > 0.0 and not same):
                     contradicting += BLIND
                 elif believed > 0.0 or shown >= 2:

@@ -6,23 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from itree_cad.bundled import bundled_part
+from itree_kernels.agreement import FAR, LIT_SHADING, SAME_SHADING, TOO_BRIGHT
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.observed import EDGE_DEPTH_REACH, ObservedMaps, observe_with_edges
 from itree_jax.refinement.optimise import Hypotheses
-from itree_jax.refinement.verify import (
-    LIT_SHADING,
-    SAME_SHADING,
-    TOO_BRIGHT,
-    Tolerances,
-    Verdict,
-    edge_distance,
-    shading_support,
-    verify,
-)
+from itree_jax.refinement.verify import Tolerances, Verdict, verify
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
 
+from .asked import edge_distance, shading
 from .scenes import JUMP, PINHOLE, centred, floor_below, model_of, seen
 
 H, W = 40, 50
@@ -53,7 +46,7 @@ def test_the_nearest_edge_is_the_nearest(points, asked):
     """Its label is read on half pixels: at points between them, and at points that share one, by what that loses."""
     uv, at = np.array(points), np.array(asked)
     maps = maps_of(edges_at(uv, EdgeLabel.OUTLINE))
-    found = edge_distance(jnp.asarray(at, jnp.float32), maps)
+    found = edge_distance(at, maps)
     expected = np.linalg.norm(at[:, None] - uv[None], axis=-1).min(axis=1)
     assert (np.asarray(found) >= expected - 1e-4).all()
     np.testing.assert_allclose(found, expected, rtol=0.05, atol=1.5)
@@ -61,15 +54,15 @@ def test_the_nearest_edge_is_the_nearest(points, asked):
 
 def test_no_edge_is_near_where_there_is_none_or_outside():
     none = maps_of(edges_at(np.zeros((0, 2)), EdgeLabel.OUTLINE))
-    assert edge_distance(jnp.array([[10.0, 10.0]]), none)[0] > 1e5
+    assert edge_distance(np.array([[10.0, 10.0]]), none)[0] > 1e5
     some = maps_of(edges_at(np.array([[0.0, 5.0]]), EdgeLabel.OUTLINE))
-    assert not np.isfinite(edge_distance(jnp.array([[-3.0, 5.0], [10.0, H + 2.0]]), some)).any()
+    assert (edge_distance(np.array([[-3.0, 5.0], [10.0, H + 2.0]]), some) >= FAR).all()
 
 
 def test_contours_are_outlines_and_creases_never_shadows():
     uv = np.stack([5.0 + 8.0 * np.arange(5), np.full(5, 20.0)], axis=-1)
     labels = np.array([EdgeLabel.OUTLINE, EdgeLabel.SHADOW, EdgeLabel.CREASE, EdgeLabel.UNKNOWN, EdgeLabel.GEOMETRIC])
-    near = edge_distance(jnp.asarray(uv, jnp.float32), maps_of(edges_at(uv, labels))) < 1.0
+    near = edge_distance(uv, maps_of(edges_at(uv, labels))) < 1.0
     np.testing.assert_array_equal(near, [True, False, True, False, True])
 
 
@@ -82,15 +75,13 @@ def test_an_edge_has_the_depth_of_what_is_known_nearest_to_the_camera_around_it(
     np.testing.assert_array_equal(maps.edge_normal[:4], np.tile([1.0, 0.0], (4, 1)))
 
 
-UV = np.stack(np.meshgrid(np.arange(12.0), np.arange(12.0)), axis=-1)
-
-
-def judged(normal: np.ndarray, shading: np.ndarray, uv=UV) -> tuple[np.ndarray, np.ndarray]:
+def judged(normal: np.ndarray, seen: np.ndarray, row: int = 5) -> tuple[bool, bool]:
+    """Whether two lights show what the normal predicts, and whether one shows more."""
     image = np.zeros((H, W, len(LIGHTS)), np.float32)
-    image[:12, :12] = shading
+    image[:12, :12] = seen
     maps = maps_of(edges_at(np.zeros((0, 2)), EdgeLabel.OUTLINE), shading=image)
-    normals = jnp.asarray(np.broadcast_to(normal, (12, 12, 3)), jnp.float32)
-    return tuple(np.asarray(a) for a in shading_support(normals, jnp.asarray(uv, jnp.float32), maps))
+    shown, bright, _, _ = shading(maps, row, 7, normal)
+    return shown >= 2, bright
 
 
 @pytest.mark.parametrize("slant", [0, 20, 35])
@@ -98,31 +89,30 @@ def test_the_true_normal_is_supported_with_a_light_in_shadow_too(slant):
     normal = Rotation.from_euler("xy", [slant, 5], degrees=True).apply([0.0, 0.0, -1.0])
     expected = np.maximum(LIGHTS @ normal, 0.0)
     for shadowed in (None, 0, 1, 2):
-        shading = expected.copy()
+        image = expected.copy()
         if shadowed is not None:
-            shading[shadowed] = 0.02
-        lit, bright = judged(normal, shading)
-        told = (np.abs(shading - expected) < SAME_SHADING) & (expected > LIT_SHADING)
-        assert (lit == (told.sum() >= 2)).all()
-        assert not bright.any()
-    assert not judged(normal, np.full(3, 0.02))[0].any()  # in the dark nothing is shown
+            image[shadowed] = 0.02
+        lit, bright = judged(normal, image)
+        told = (np.abs(image - expected) < SAME_SHADING) & (expected > LIT_SHADING)
+        assert lit == (told.sum() >= 2)
+        assert not bright
+    assert not judged(normal, np.full(3, 0.02))[0]  # in the dark nothing is shown
 
 
 def test_what_is_brighter_than_the_normal_can_be_is_told():
     normal = Rotation.from_euler("x", 60, degrees=True).apply([0.0, 0.0, -1.0])
     expected = np.maximum(LIGHTS @ normal, 0.0)
     brighter = expected + np.array([0.0, 0.0, TOO_BRIGHT + 0.01])
-    assert judged(normal, brighter)[1].all()
-    assert not judged(normal, expected + TOO_BRIGHT - 0.01)[1].any()
+    assert judged(normal, brighter)[1]
+    assert not judged(normal, expected + TOO_BRIGHT - 0.01)[1]
 
 
 def test_outside_of_the_image_and_without_lights_shading_says_nothing():
-    bright = np.ones(3)
-    for one in judged(np.array([0.0, 0.0, -1.0]), bright, UV - 100.0):
-        assert not one.any()
+    bright = np.full(3, 2.0)
+    assert judged(np.array([0.0, 0.0, -1.0]), bright)[1]
+    assert judged(np.array([0.0, 0.0, -1.0]), bright, row=-100) == (False, False)
     maps = maps_of(edges_at(np.zeros((0, 2)), EdgeLabel.OUTLINE), lights=LIGHTS[:0])
-    for one in shading_support(jnp.asarray(np.tile([0.0, 0.0, -1.0], (12, 12, 1))), jnp.asarray(UV), maps):
-        assert not one.any()
+    assert shading(maps, 5, 7, np.array([0.0, 0.0, -1.0])) == (0, False, 0.0, 0.0)
 
 
 def verdict_without_depth(shift: np.ndarray, turn: float = 0.0) -> Verdict:

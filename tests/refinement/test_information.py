@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement.bending import pairs_at_vertices, smooth_surface
 from itree_jax.refinement.information import SHARPEST, SurfacePoints, measured, needle_jacobian, side_of
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, Stage, padded_normals, padded_surface, refine
+from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.uncertainty import rim_motions, rim_uncertainty
 from itree_jax.refinement.unobservable import unobservable
 
@@ -152,7 +153,8 @@ def test_refinement_does_not_measure_the_turn_of_a_cylinder_and_does_that_of_a_b
         t = centred(model, pose)
         maps = seen(model, pose, t, [floor_below(model, t)]).maps
         stages = [Stage(2, 48, (3.0, 2.0), (0.4, 0.3), (4.0, 3.0))]
-        _, equations = refine(Hypotheses(pose[None], t[None]), model, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+        found = refine(Hypotheses(pose[None], t[None]), model, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+        equations = equations_at(found, model, maps, PINHOLE, DEVIATIONS, stages[-1], JUMP)
         middle = pose @ bare.mesh.centre
         turn = np.concatenate([pose[:, 2], -np.cross(pose[:, 2], middle)])
         fixed, told = (turn @ np.asarray(e[0], float) @ turn for e in (equations.hessian, equations.information))

@@ -9,7 +9,8 @@ from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps
-from itree_jax.refinement.optimise import Hypotheses, OtherView, Stage, equations_elsewhere, refine
+from itree_jax.refinement.optimise import Hypotheses, OtherView, Stage, refine
+from itree_jax.refinement.pose_information import equations_at, equations_in_view
 from itree_jax.refinement.residuals import Deviations, Predicted
 
 from .scenes import DEVIATIONS, DISTANCE, JUMP, PINHOLE, centred, floor_below, model_of, seen
@@ -44,7 +45,7 @@ def of_other_camera(case: Case) -> tuple[np.ndarray, ...]:
         deviations = Deviations(**{name: jnp.asarray(value) for name, value in VALUES.items()})
         predicted = Predicted(*(jnp.asarray(a)[None] for a in case.predicted))
         observed = ObservedMaps(*(jnp.asarray(a) for a in case.observed))
-        found = equations_elsewhere(
+        found = equations_in_view(
             jnp.asarray(case.R)[None], jnp.asarray(case.t)[None], predicted, jnp.asarray(R_OTHER), observed,
             jnp.asarray(case.normal_obj), camera, deviations, jnp.asarray(STRIDE), SIZE,
         )  # fmt: skip
@@ -100,8 +101,10 @@ def test_two_cameras_tell_the_range_that_one_leaves_loose():
     view = OtherView(second, PINHOLE, aside.T, aside_t)
 
     start = Hypotheses(R[None].astype(np.float32), (t + np.array([0.5, -0.5, 8.0]))[None].astype(np.float32))
-    alone, by_one = refine(start, model, first, PINHOLE, DEVIATIONS, STAGES, JUMP)
-    both, by_two = refine(start, model, first, PINHOLE, DEVIATIONS, STAGES, JUMP, others=[view])
+    alone = refine(start, model, first, PINHOLE, DEVIATIONS, STAGES, JUMP)
+    both = refine(start, model, first, PINHOLE, DEVIATIONS, STAGES, JUMP, others=[view])
+    by_one = equations_at(alone, model, first, PINHOLE, DEVIATIONS, STAGES[-1], JUMP)
+    by_two = equations_at(both, model, first, PINHOLE, DEVIATIONS, STAGES[-1], JUMP, others=[view])
     off = [np.abs(np.asarray(pose.t_cam_obj[0]) - t) for pose in (alone, both)]
     std = [np.sqrt(np.diag(np.linalg.inv(np.asarray(e.hessian[0], float))))[5] for e in (by_one, by_two)]
     assert std[1] < 0.4 * std[0]
@@ -119,7 +122,7 @@ def test_a_camera_that_sees_nothing_changes_nothing():
     view = OtherView(without_depth(nothing), PINHOLE, R_OTHER, T_OTHER)
     start = Hypotheses(R[None].astype(np.float32), (t + 0.5)[None].astype(np.float32))
     stages = (Stage(2, 32, (5.0, 5.0), (0.8, 0.8), (8.0, 8.0)),)
-    alone, _ = refine(start, model, maps, PINHOLE, DEVIATIONS, stages, JUMP)
-    both, _ = refine(start, model, maps, PINHOLE, DEVIATIONS, stages, JUMP, others=[view])
+    alone = refine(start, model, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+    both = refine(start, model, maps, PINHOLE, DEVIATIONS, stages, JUMP, others=[view])
     np.testing.assert_allclose(both.t_cam_obj, alone.t_cam_obj, rtol=0, atol=1e-4)
     np.testing.assert_allclose(both.R_cam_obj, alone.R_cam_obj, rtol=0, atol=1e-5)

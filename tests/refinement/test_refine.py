@@ -10,13 +10,12 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement.optimise import (
     Hypotheses,
     Stage,
-    batch_of,
-    batch_size,
-    padded,
     refine,
     window_origins,
     window_stride,
 )
+from itree_jax.refinement.pose_information import BATCH, equations_at
+from itree_jax.refinement.residuals import NormalEquations
 from itree_jax.refinement.uncertainty import RimMotions, rim_uncertainty
 from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
 
@@ -51,13 +50,19 @@ def perturbed(R, t, count: int, angle_deg: float, shift: float, seed: int) -> Hy
     return Hypotheses(Rotation.from_rotvec(np.radians(angle_deg) * axis).as_matrix() @ R, t + direction)
 
 
+def refined(start: Hypotheses, model, maps, stages) -> tuple[Hypotheses, NormalEquations]:
+    """The poses, and what is measured of them."""
+    found = refine(start, model, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+    return found, equations_at(found, model, maps, PINHOLE, DEVIATIONS, stages[-1], JUMP)
+
+
 @pytest.mark.parametrize("k", range(3))
 def test_a_pose_off_by_ten_degrees_and_four_millimetres_is_found(bracket, k):
     R, t = ATTITUDES[k], centred(bracket, ATTITUDES[k])
     maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
     start = perturbed(R, t, 6, 10.0, 4.0, seed=k)
     np.testing.assert_allclose(np.stack(pose_error(start, R, t)), [[10.0] * 6, [4.0] * 6], rtol=1e-6)
-    found, equations = refine(start, bracket, maps, PINHOLE, DEVIATIONS, STAGES, JUMP)
+    found, equations = refined(start, bracket, maps, STAGES)
     rotation, translation = pose_error(found, R, t)
     assert rotation.max() < 0.05
     assert translation.max() < 0.05
@@ -70,42 +75,48 @@ def test_an_orthographic_camera(bracket):
     R = ATTITUDES[0]
     t = centred(bracket, R, camera=camera)
     maps = seen(bracket, R, t, [floor_below(bracket, t)], camera).maps
-    found, _ = refine(perturbed(R, t, 4, 10.0, 4.0, 1), bracket, maps, camera, DEVIATIONS, STAGES, JUMP)
+    found = refine(perturbed(R, t, 4, 10.0, 4.0, 1), bracket, maps, camera, DEVIATIONS, STAGES, JUMP)
     rotation, translation = pose_error(found, R, t)
     assert rotation.max() < 0.05
     assert translation.max() < 0.05
 
 
 def test_hypotheses_are_independent(bracket):
-    """A batch equals its elements one by one, and padding changes nothing."""
+    """Each is refined to the last bit as if it were alone, and padding of a batch changes no equation."""
     R, t = ATTITUDES[0], centred(bracket, ATTITUDES[0])
     maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
-    start = perturbed(R, t, 17, 8.0, 3.0, seed=0)  # padded to 128
-    assert batch_size(17, 32) == 128
+    start = perturbed(R, t, 2 * BATCH + 1, 8.0, 3.0, seed=0)
     stage = [Stage(3, 32, (12.0, 4.0), (1.0, 0.6), (15.0, 6.0))]
-    together, equations = refine(start, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
-    assert together.t_cam_obj.shape == (17, 3)
-    assert equations.hessian.shape == (17, 6, 6)
+    together, equations = refined(start, bracket, maps, stage)
+    assert together.t_cam_obj.shape == (2 * BATCH + 1, 3)
+    assert equations.hessian.shape == (2 * BATCH + 1, 6, 6)
     # the stride follows the median distance, here alike for all
-    for k in (0, 7, 16):
+    for k in (0, 7, 2 * BATCH):
         alone = Hypotheses(start.R_cam_obj[[k]], start.t_cam_obj[[k]])
-        found, one = refine(alone, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
-        np.testing.assert_allclose(found.R_cam_obj[0], together.R_cam_obj[k], rtol=0, atol=1e-5)
-        np.testing.assert_allclose(found.t_cam_obj[0], together.t_cam_obj[k], rtol=0, atol=1e-3)
+        found, one = refined(alone, bracket, maps, stage)
+        np.testing.assert_array_equal(found.R_cam_obj[0], together.R_cam_obj[k])
+        np.testing.assert_array_equal(found.t_cam_obj[0], together.t_cam_obj[k])
         scale = np.abs(equations.hessian[k]).max()
         np.testing.assert_allclose(one.hessian[0], equations.hessian[k], rtol=1e-3, atol=1e-4 * scale)
 
 
-def test_padding_repeats_the_last_pose():
-    rng = np.random.default_rng(0)
-    start = Hypotheses(rng.normal(size=(3, 3, 3)), rng.normal(size=(3, 3)))
-    for before, after in zip(start, padded(start, 32), strict=True):
-        assert len(after) == batch_size(3, 32)
-        np.testing.assert_array_equal(after[:3], before.astype(np.float32))
-        assert (after[3:] == after[2]).all()
-    for size in (16, 96):
-        assert all(batch_size(n, size) >= n for n in range(1, 600))
-        assert len({batch_size(n, size) for n in range(1, 600)}) <= 600 // batch_of(size) + 2
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_a_step_is_the_one_that_the_equations_ask_for(bracket, orthographic):
+    """The kernels sum and solve what the compiled functions state pixel by pixel, where rays were just cast."""
+    camera = Camera("orthographic", 1.5, 1.5, 100.3, 90.6, 200, 180) if orthographic else PINHOLE
+    R = ATTITUDES[1]
+    t = centred(bracket, R, camera=camera)
+    maps = seen(bracket, R, t, [floor_below(bracket, t)], camera).maps
+    start = perturbed(R, t, 3, 3.0, 1.5, seed=5)
+    stage = Stage(1, 48, (12.0, 12.0), (1.0, 1.0), (15.0, 15.0))
+    found = refine(start, bracket, maps, camera, DEVIATIONS, [stage], JUMP)
+    asked = equations_at(start, bracket, maps, camera, DEVIATIONS, stage, JUMP)
+    for k in range(3):
+        twist = -np.linalg.solve(np.asarray(asked.hessian[k], float), np.asarray(asked.gradient[k], float))
+        assert np.linalg.norm(twist[:3]) > np.radians(1.0)
+        turned = Rotation.from_rotvec(twist[:3]).as_matrix() @ start.R_cam_obj[k]
+        np.testing.assert_allclose(found.R_cam_obj[k], turned, rtol=0, atol=2e-4)
+        np.testing.assert_allclose(found.t_cam_obj[k], start.t_cam_obj[k] + twist[3:], rtol=0, atol=5e-3)
 
 
 def test_windows_hold_the_part(bracket):
@@ -133,7 +144,7 @@ def test_the_contour_fixes_what_slides_in_a_plane():
     turn = Rotation.from_rotvec([0.0, 0.0, np.radians(4.0)]).as_matrix()
     slid = Hypotheses((turn @ R)[None], t[None] + [[2.5, -2.0, 0.0]])
     maps = seen(model, R, t, [floor]).maps
-    found, equations = refine(slid, model, maps, PINHOLE, DEVIATIONS, STAGES, JUMP)
+    found, equations = refined(slid, model, maps, STAGES)
     rotation, translation = pose_error(found, R, t)
     assert rotation[0] < 0.05
     assert translation[0] < 0.05
@@ -142,7 +153,7 @@ def test_the_contour_fixes_what_slides_in_a_plane():
     blind = seen(model, R, t, [floor], jump=np.inf).maps
     # gates so narrow that the floor, seen where the plate isn't, says nothing
     stages = [Stage(4, 64, (1.0, 1.0), (0.3, 0.3), (4.0, 4.0))]
-    left, equations = refine(slid, model, blind, PINHOLE, DEVIATIONS, stages, JUMP)
+    left, equations = refined(slid, model, blind, stages)
     np.testing.assert_allclose(left.t_cam_obj[0], slid.t_cam_obj[0], rtol=0, atol=1e-2)
     assert abs(np.degrees(Rotation.from_matrix(left.R_cam_obj[0] @ R.T).magnitude()) - 4.0) < 1e-2
     std = twist_deviation(equations.hessian[0])
@@ -156,7 +167,7 @@ def sphere_scene(needles: bool):
     t = centred(model, np.eye(3))
     maps = seen(model, np.eye(3), t, needles=needles).maps
     start = Hypotheses(np.eye(3)[None], t[None] + [[0.5, -0.5, 0.5]])
-    found, equations = refine(start, model, maps, PINHOLE, DEVIATIONS, STAGES, JUMP)
+    found, equations = refined(start, model, maps, STAGES)
     assert np.linalg.norm(found.t_cam_obj[0] - t) < 0.05
     return model, twist_deviation(equations.hessian[0])
 
@@ -191,7 +202,7 @@ def test_nothing_in_view_moves_nothing(bracket):
     maps = seen(bracket, R, t).maps
     away = Hypotheses(R[None], t[None] + [[0.0, 0.0, 300.0]])
     stages = [Stage(2, 32, (1.0, 1.0), (1.0, 1.0), (2.0, 2.0))]
-    found, equations = refine(away, bracket, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+    found, equations = refined(away, bracket, maps, stages)
     np.testing.assert_allclose(found.R_cam_obj[0], R, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.t_cam_obj[0], away.t_cam_obj[0], rtol=1e-6)
     assert np.isinf(twist_deviation(equations.hessian[0])).all()

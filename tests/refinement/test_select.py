@@ -1,6 +1,8 @@
 """Hypotheses of one place compete; solids exclude each other; what the others hide is no doubt; every rejection has its
 reason."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from itree_cad.primitives import box_part
@@ -106,7 +108,7 @@ def test_a_small_feature_decides_between_poses_of_one_place():
     first[:4, :4] = -5.0
     pixels = np.stack([first, second]).astype(np.float16)
     one = judged([block(), block()], (1.0, 1.0), near=~np.eye(2, dtype=bool))
-    one = one._replace(support=one.support._replace(pixels=pixels))
+    one = replace(one, support=one.support._replace(pixels=pixels))
     assert one.log_likelihood[0] < one.log_likelihood[1] + 200
     assert likelihood_ratio(one.support, 1, 0) == pytest.approx(16 * 10.9 * 4, rel=0.01)
     assert likelihood_ratio(one.support, 0, 1) == -likelihood_ratio(one.support, 1, 0)
@@ -134,7 +136,7 @@ def test_a_close_rival_takes_belief_unless_the_others_exclude_it():
     near = np.zeros((3, 3), bool)
     near[0, 1] = near[1, 0] = True
     one = judged([block()] * 3, (GOOD, GOOD, GOOD), [[0, 0], [0, 0], [150, 60]], near=near)
-    alone = chosen(one._replace(near=np.zeros((3, 3), bool)))
+    alone = chosen(one.with_rivalry(np.zeros((3, 3), bool)))
     open_ = chosen(one)
     excluded = chosen(one, lambda a, b: {a[1], b[1]} == {1, 2})
     assert open_.score[0] < alone.score[0]

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
 from itree_cad.primitives import box_part
+from itree_kernels.agreement import CONTOUR_STEP
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.optimise import Hypotheses, RefineModel
-from itree_jax.refinement.verify import CONTOUR_STEP, verify, visible_centres
+from itree_jax.refinement.verify import verify, visible_centres
 
 from .scenes import DISTANCE, JUMP, PINHOLE, TOLERANCES, centred, floor_below, model_of, plane, seen
 
