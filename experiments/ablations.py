@@ -28,7 +28,7 @@ from itree_jax.answers import Interpretation
 from itree_jax.cli.recognize import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
-from itree_jax.refinement.optimise import Hypotheses, NormalEquations
+from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.select import Judged, Selection, measures_alone
 from itree_jax.results import write_bop_csv
 from itree_jax.sensing import reading
@@ -59,11 +59,8 @@ def no_backtracking() -> Iterator[None]:
 
 @contextmanager
 def no_refinement() -> Iterator[None]:
-    def stay(hypotheses: Hypotheses, *_: Any) -> tuple[Hypotheses, NormalEquations]:
-        count = len(hypotheses.t_cam_obj)
-        unit = np.tile(np.eye(6), (count, 1, 1))
-        none = NormalEquations(unit, np.zeros((count, 6)), np.zeros(count), unit, unit)
-        return hypotheses, none
+    def stay(hypotheses: Hypotheses, *_: Any) -> Hypotheses:
+        return hypotheses
 
     with patch.object(narrowing, "refine", stay), patch.object(challenge, "refine", stay):
         yield

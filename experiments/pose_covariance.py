@@ -26,6 +26,7 @@ from validation_bins import CYCLE
 from itree_jax.evaluation.truth import SceneTruth, load_truth
 from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface, refine
+from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.uncertainty import LOST, rim_motions, rim_uncertainty, without_free_turns
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.scene_folder import load_scene
@@ -108,10 +109,10 @@ def errors_in(
     if not shown.any():
         return []
     true = Hypotheses(truth.pose.R[shown].astype(np.float32), truth.pose.t[shown].astype(np.float32))
-    poses, equations = refine(
-        true, model, sight.observed, sight.sensor.camera, plan.deviations, [plan.rounds[-1].stage], plan.jump,
-        sight.others, sight.crease,
-    )  # fmt: skip
+    last = plan.rounds[-1].stage
+    told = (sight.sensor.camera, plan.deviations)
+    poses = refine(true, model, sight.observed, *told, [last], plan.jump, sight.others, sight.crease)
+    equations = equations_at(poses, model, sight.observed, *told, last, plan.jump, sight.others, sight.crease)
     return [
         error_of(part, known, R, t, R_true, t_true, np.asarray(H, float), np.asarray(B, float))
         for R, t, R_true, t_true, H, B in zip(

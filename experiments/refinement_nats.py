@@ -60,7 +60,7 @@ def ratios_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth) -> list
     stages = [step.stage for step in plan.rounds[-2:]]
     poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
     for stage in stages:
-        poses, _ = refine(poses, model, sight.observed, camera, plan.deviations, [stage], plan.jump)
+        poses = refine(poses, model, sight.observed, camera, plan.deviations, [stage], plan.jump)
     weighed = support(poses, model, sight.observed, camera, plan.errors, plan.jump)
     return [likelihood_ratio(weighed, k, k + 1) for k in range(0, len(R), 2)]
 

@@ -155,7 +155,7 @@ def refined_from(start: Hypotheses, model: RefineModel, sight: Sight) -> Hypothe
     return refine(
         start, model, sight.observed, sight.sensor.camera, plan.deviations, [stage], plan.jump, sight.others,
         sight.crease,
-    )[0]
+    )
 
 
 def needle_errors(case: Case, needle: NeedleMap) -> dict[str, Any]:

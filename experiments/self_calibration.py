@@ -166,7 +166,7 @@ def recognised_poses(case: Case, seed: int) -> Hypotheses:
     plan = schedule(case.told, case.model.diameter, depth_noise(depth, depth > 0), spacing=0.1)
     observed = observe(*believed(needle), depth, plan.jump)
     stages = [plan.rounds[-1].stage]
-    found, _ = refine(moved, case.model, observed, case.told.camera, plan.deviations, stages, plan.jump)
+    found = refine(moved, case.model, observed, case.told.camera, plan.deviations, stages, plan.jump)
     return Hypotheses(np.asarray(found.R_cam_obj, float), np.asarray(found.t_cam_obj, float))
 
 

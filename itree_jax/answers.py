@@ -74,7 +74,7 @@ def measured_by(
         answer.hypotheses.take(accepted).poses, answer.prepared.model, sight.observed, sight.sensor.camera,
         plan.deviations, plan.rounds[-1].stage, plan.jump, sight.others, sight.crease,
     )
-    return equations.information, equations.spread
+    return np.asarray(equations.information), np.asarray(equations.spread)
 
 
 def describe_one(

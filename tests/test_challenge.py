@@ -43,8 +43,7 @@ def only(answer, sight, R, t):
         answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),
         rivals=((np.zeros(0, int), np.zeros(0)),),
     )
-    return replace(answer, hypotheses=hypotheses, equations=type(answer.equations)(*(e[h] for e in answer.equations)),
-                   judged=judged, selection=chosen)
+    return replace(answer, hypotheses=hypotheses, judged=judged, selection=chosen)
 
 
 def turn_between(R, S) -> float:

@@ -143,7 +143,7 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     sight = look(scene.images, scene.sensor, np.asarray(scene.depth, np.float32), scene.R_w2c)
     answer = interpret(prepared, 0, np.arange(found.count), said, regions, sight, FIRST)
     detections = Detections(
-        describe([answer], forest.root), time.perf_counter() - start, labels=found.labels
+        describe([answer], forest.root, sight), time.perf_counter() - start, labels=found.labels
     )
     return Recognised(case, measured, answer, detections, *highest_window(measured, prepared))
 

@@ -165,7 +165,8 @@ def _refine_stage(
             step(pose, sums, spreads, turns, model.reach, first, last)
 
     rays[0].load()
-    for kernel in (equations_kernel, step_kernel):
+    kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
+    for kernel in kernels:
         load_kernel(kernel, device)
     launch_in_chunks(refine_some, count, rays_each=stage.steps * stage.size**2, device=device)
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()

@@ -5,7 +5,7 @@ See `itree_jax.refinement.likelihood` for what it says.
 # Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
 # pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
-# pyright: reportIndexIssue=false, reportOperatorIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false, reportReturnType=false
 
 from dataclasses import dataclass
 
