@@ -168,7 +168,8 @@ def _refine_stage(
     kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
     for kernel in kernels:
         load_kernel(kernel, device)
-    launch_in_chunks(refine_some, count, rays_each=stage.steps * stage.size**2, device=device)
+    rays = stage.steps * stage.size**2
+    launch_in_chunks(refine_some, count, rays, device, chunks_each=2)  # each takes five launches a step
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
 

@@ -9,7 +9,9 @@ from itertools import pairwise
 RAYS_WORTH_A_THREAD = 4096  # below this a thread costs more than it brings
 
 
-def launch_in_chunks(launch: Callable[[int, int], None], count: int, rays_each: int, device: object) -> None:
+def launch_in_chunks(
+    launch: Callable[[int, int], None], count: int, rays_each: int, device: object, chunks_each: int = 4
+) -> None:
     """Calls `launch(first, last)` on ranges that cover `range(count)`, one thread per core on a CPU.
 
     Every element is computed alone, so the result doesn't depend on the number of threads.
@@ -21,8 +23,8 @@ def launch_in_chunks(launch: Callable[[int, int], None], count: int, rays_each: 
     if not str(device).startswith("cpu") or threads == 1:
         launch(0, count)
         return
-    # four chunks a thread: windows differ in how many of their rays hit
-    chunks = min(count, 4 * threads)
+    # several chunks a thread: windows differ in how many of their rays hit
+    chunks = min(count, chunks_each * threads)
     bounds = [count * k // chunks for k in range(chunks + 1)]
     for done in [_workers(cores).submit(launch, a, b) for a, b in pairwise(bounds)]:
         done.result()

@@ -1,0 +1,164 @@
+"""Seconds to recognise a scene: the first answer of a fresh process, and warm, stage by stage; beside peers if told.
+
+    python experiments/benchmarks/recognition.py --trees TREE [TREE ...] --scenes FOLDER [FOLDER ...] [--peers CSV ...]
+
+A process is fresh but for what earlier ones left in the caches of JAX and Warp. Warm: the median over `repeats` of
+every scene, by the clock and by the processors' time, which says more on a machine that does other things too. A
+stage's time is without that of the stages it calls. Peers' csv files (`peers.recognise`) give their seconds for the
+same scenes. Prints a table and writes recognition.json.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Any
+from unittest.mock import patch
+
+import tyro
+
+from itree_jax import challenge, narrowing, recognition
+from itree_jax.cli.runtime import start_jax
+from itree_jax.prepared import PreparedForest, prepare_forest
+from itree_jax.results import read_bop_csv
+from itree_jax.sensing.scene_folder import Scene, load_scene
+from itree_jax.tree.tree_file import load_tree
+
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
+    "needles, regions, edges": ((recognition, "look"),),
+    "reflected light": ((recognition, "subtract_reflections"),),
+    "features of regions": ((recognition, "measure_regions"),),
+    "tree": ((recognition, "ask_root"), (recognition, "classify"), (recognition, "determine")),
+    "placing": ((recognition, "every_attitude"), (recognition, "placed_by_segment"), (challenge, "turned_poses")),
+    "refinement": ((narrowing, "refine"), (challenge, "refine")),
+    "verification": ((narrowing, "verify"),),
+    "likelihood": ((narrowing, "support"),),
+    "selection": ((recognition, "select"), (challenge, "select"), (recognition, "compete"), (challenge, "compete")),
+    "what is left over": ((recognition, "left_over"),),
+    "deviations, paths": ((recognition, "detections_of"),),
+}
+
+
+@dataclass(frozen=True)
+class Config:
+    """What to measure."""
+
+    trees: tuple[Path, ...]
+    scenes: tuple[Path, ...]
+    peers: tuple[Path, ...] = ()
+    out: Path = Path("out/recognition")
+    repeats: int = 3
+    fresh: bool = True  # also start a process of its own
+
+
+@dataclass
+class Clock:
+    """Own seconds of each stage; of nested ones the inner has its time."""
+
+    wall: dict[str, float] = field(default_factory=dict)
+    cpu: dict[str, float] = field(default_factory=dict)
+    inner: list[list[float]] = field(default_factory=list)
+
+    def timed(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **named: Any) -> Any:
+            self.inner.append([0.0, 0.0])
+            start = time.perf_counter(), time.process_time()
+            try:
+                return function(*args, **named)
+            finally:
+                took = time.perf_counter() - start[0], time.process_time() - start[1]
+                wall, cpu = self.inner.pop()
+                self.wall[name] = self.wall.get(name, 0.0) + took[0] - wall
+                self.cpu[name] = self.cpu.get(name, 0.0) + took[1] - cpu
+                if self.inner:
+                    self.inner[-1][0] += took[0]
+                    self.inner[-1][1] += took[1]
+
+        return call
+
+
+@contextmanager
+def stages_timed(clock: Clock) -> Iterator[None]:
+    """The functions of every stage report to the clock."""
+    with ExitStack() as stack:
+        for name, functions in STAGES.items():
+            for module, function in functions:
+                stack.enter_context(patch.object(module, function, clock.timed(name, getattr(module, function))))
+        yield
+
+
+def main(config: Config) -> None:
+    start_jax()
+    fresh = seconds_of_fresh_process(config) if config.fresh else None
+    forest = prepare_forest([load_tree(path) for path in config.trees])
+    rows = [measured(forest, load_scene(folder), config.repeats) for folder in config.scenes]
+    peers = {path.stem: peers_seconds(path, [row["scene"] for row in rows]) for path in config.peers}
+    result = {"cores": os.cpu_count(), "fresh_process_s": fresh, "scenes": rows, "peers_s": peers}
+    config.out.mkdir(parents=True, exist_ok=True)
+    (config.out / "recognition.json").write_text(json.dumps(result, indent=1) + "\n")
+    print(table(result))
+
+
+def measured(forest: PreparedForest, scene: Scene, repeats: int) -> dict[str, Any]:
+    """Medians of one scene after a call that warms up."""
+    runs = []
+    for k in range(repeats + 1):
+        clock = Clock()
+        with stages_timed(clock):
+            start = time.perf_counter(), time.process_time()
+            found = recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+            total = time.perf_counter() - start[0], time.process_time() - start[1]
+        if k:
+            runs.append((total, clock))
+    return {
+        "scene": scene.scene_id, "found": len(found.detections),
+        "wall_s": median(total[0] for total, _ in runs), "cpu_s": median(total[1] for total, _ in runs),
+        "stages_cpu_s": {name: median(clock.cpu.get(name, 0.0) for _, clock in runs) for name in STAGES},
+    }  # fmt: skip
+
+
+def seconds_of_fresh_process(config: Config) -> float:
+    """From starting Python to the poses of the first scene on disk."""
+    words = ["recognize", config.scenes[0], *config.trees, "-o", config.out / "fresh.csv"]
+    config.out.mkdir(parents=True, exist_ok=True)
+    start = time.perf_counter()
+    program = "import sys; from itree_jax.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    subprocess.run([sys.executable, "-c", program, *map(str, words)], check=True, capture_output=True)
+    return time.perf_counter() - start
+
+
+def peers_seconds(path: Path, scenes: list[int]) -> dict[int, float]:
+    """The seconds that a peer's csv states for each scene."""
+    results = read_bop_csv(path)
+    stated = dict(zip(results.scene_id.tolist(), results.time.tolist(), strict=True))
+    return {scene: stated[scene] for scene in scenes if scene in stated}
+
+
+def table(result: dict[str, Any]) -> str:
+    rows = result["scenes"]
+    wall, cpu, found = (median(row[name] for row in rows) for name in ("wall_s", "cpu_s", "found"))
+    lines = [
+        f"{len(rows)} scenes, {result['cores']} cores; medians: {wall:.2f} s by the clock, {cpu:.2f} s of the "
+        f"processors, {found:.0f} parts",
+    ]
+    if result["fresh_process_s"] is not None:
+        lines.append(f"fresh process, first answer: {result['fresh_process_s']:.1f} s")
+    lines += ["", "| stage | CPU s | share |", "|---|---|---|"]
+    spent = {name: median(row["stages_cpu_s"][name] for row in rows) for name in STAGES}
+    spent["everything else"] = max(0.0, cpu - sum(spent.values()))
+    lines += [f"| {name} | {s:.3f} | {100 * s / cpu:.0f} % |" for name, s in spent.items()]
+    for name, seconds in result["peers_s"].items():
+        ours = [row["cpu_s"] for row in rows if row["scene"] in seconds]
+        ratio = median(seconds[row["scene"]] / row["cpu_s"] for row in rows if row["scene"] in seconds)
+        lines.append(f"\n{name}: {median(seconds.values()):.2f} s on {len(ours)} scenes, {ratio:.1f} times as long")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Config))
