@@ -168,8 +168,8 @@ def _refine_stage(
     kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
     for kernel in kernels:
         load_kernel(kernel, device)
-    rays = stage.steps * stage.size**2
-    launch_in_chunks(refine_some, count, rays, device, chunks_each=2)  # each takes five launches a step
+    work = stage.steps * stage.size**2
+    launch_in_chunks(refine_some, count, work, device, chunks_each=2)  # each takes five launches a step
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
 
