@@ -2,8 +2,6 @@
 
 import csv
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float, Int
 
 from itree_jax.detections import Detection, Detections, Unobservable
@@ -50,7 +49,7 @@ def write_bop_csv(detections: Iterable[Detections], path: str | Path) -> None:
             cells = (d.scene_id, d.im_id, d.obj_id, repr(float(d.score)), _numbers(d.R_cam_obj), _numbers(d.t_cam_obj),
                      repr(float(image.time)))  # fmt: skip
             lines.append(",".join(map(str, cells)))
-    _write_atomically(Path(path), "\n".join(lines) + "\n")
+    write_whole(path, "\n".join(lines) + "\n")
 
 
 def write_json(detections: Iterable[Detections], path: str | Path) -> None:
@@ -65,7 +64,7 @@ def write_json(detections: Iterable[Detections], path: str | Path) -> None:
 
 def write_json_document(document: dict[str, Any], path: str | Path) -> None:
     """Writes JSON whole or not at all. A number that is not finite is written as null."""
-    _write_atomically(Path(path), json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
+    write_whole(path, json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
 
 
 def read_bop_csv(path: str | Path) -> BopResults:
@@ -181,21 +180,3 @@ def _plain(value: Any) -> Any:
 
 def _numbers(values: Float[np.ndarray, "..."]) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    """A reader sees the old file or the new one, never half of one."""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", text=True)
-    except OSError as error:
-        raise ItreeError(f"{path}: cannot be written ({error}).") from error
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException as error:
-        os.unlink(temporary)
-        if isinstance(error, OSError):
-            raise ItreeError(f"{path}: cannot be written ({error}).") from error
-        raise

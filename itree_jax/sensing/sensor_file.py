@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Bool
 
 from itree_jax.sensing.bundled import SLANT_LIMIT, SMALLEST_REGION, bundled_sensor
@@ -116,8 +116,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
         data["region_of_interest"] = _rectangle(sensor.region_of_interest) or f"{path.stem}.mask.png"
         if isinstance(data["region_of_interest"], str):
             mask = sensor.region_of_interest.astype(np.uint8) * 255
-            replace_file(path.with_name(data["region_of_interest"]), png_bytes(mask))
-    replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
+            write_whole(path.with_name(data["region_of_interest"]), png_bytes(mask))
+    write_whole(path, json.dumps(data, indent=2) + "\n")
 
 
 def fingerprint(sensor: Sensor) -> str:
@@ -205,14 +205,3 @@ def _rectangle(mask: Bool[np.ndarray, "height width"]) -> list[int] | None:
     y, x = int(rows[0]), int(columns[0])
     h, w = int(rows[-1]) - y + 1, int(columns[-1]) - x + 1
     return [x, y, w, h] if mask.sum() == w * h else None
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise ItreeError(f"{path}: cannot be written ({error})") from error

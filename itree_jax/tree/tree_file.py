@@ -10,8 +10,6 @@ The same tree gives the same bytes.
 import hashlib
 import io
 import json
-import os
-import tempfile
 import zipfile
 import zlib
 from importlib.metadata import PackageNotFoundError, version
@@ -20,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
 from itree_jax.sensing.sensor_file import sensor_to_json
 from itree_jax.tree.packing import Arrays, pack, unpack
@@ -35,13 +34,12 @@ AGAIN = "Compile the part again (itree compile), or fetch the file again."
 
 def save_tree(tree: InterpretationTree, path: str | Path) -> None:
     """Writes the tree, whole or not at all. Raises ItreeError when the file cannot be written."""
-    path = Path(path)
     arrays: Arrays = {}
     content = pack(tree, arrays)
     stored = {name: _npy_bytes(array) for name, array in sorted(arrays.items())}
     header = _json_bytes(_header(tree, content, stored))
     members = {HEADER: header, HEADER_SUM: _sha256(header).encode()}
-    _replace(path, _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()}))
+    write_whole(path, _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()}))
 
 
 def load_tree(path: str | Path) -> InterpretationTree:
@@ -162,21 +160,3 @@ def _producer_version() -> str:
         return version("itree-jax")
     except PackageNotFoundError:  # run from a checkout that is not installed
         return "(not installed)"
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """A reader sees the old file or the new one, never half of one."""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise ItreeError(f"{path}: cannot be written ({error})") from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException as error:
-        os.unlink(temporary)
-        if isinstance(error, OSError):
-            raise ItreeError(f"{path}: cannot be written ({error})") from error
-        raise

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
 
 from itree_jax.sensing.json_check import check_json
@@ -92,4 +93,4 @@ def write_bin(
              "wall_thickness": bin_.wall_thickness}  # fmt: skip
     if T_world_bin is not None:
         entry |= {"R_b2w": T_world_bin[:3, :3].ravel().tolist(), "t_b2w": T_world_bin[:3, 3].tolist()}
-    (folder / BIN_FILE).write_text(json.dumps({str(im_id): entry}, indent=1) + "\n", encoding="utf-8")
+    write_whole(folder / BIN_FILE, json.dumps({str(im_id): entry}, indent=1) + "\n")
