@@ -18,6 +18,7 @@ RESULTS_VERSION = 2  # of the JSON file; raised when a reader of the old one wou
 SCHEMA_PATH = Path(__file__).with_name("results.schema.json")
 CSV_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 IN_DEGREES = np.repeat([np.degrees(1.0), 1.0], 3)  # of the numbers of a twist
+LARGEST_ID = 2**31 - 1
 ROTATION_TOLERANCE = 0.01  # of R R^T against I: rounding to three digits passes, a scaled or sheared matrix does not
 
 
@@ -106,9 +107,12 @@ def _parse_row(path: Path, number: int, row: list[str], columns: Sequence[int], 
 
 def _parse_int(path: Path, number: int, column: str, text: str) -> int:
     try:
-        return int(text)
+        found = int(text)
     except ValueError:
-        raise ItreeError(f"{path}, row {number}, column {column}: {text!r} is not a whole number.") from None
+        found = LARGEST_ID + 1
+    if abs(found) > LARGEST_ID:
+        raise ItreeError(f"{path}, row {number}, column {column}: {text!r} is not a whole number.")
+    return found
 
 
 def _parse_floats(path: Path, number: int, column: str, text: str, count: int) -> Float[np.ndarray, "count"]:

@@ -31,7 +31,8 @@ from itree_jax.world.bin_walls import BinWalls, write_bin
 from .grasp.worlds import placed, pose, world
 from .kernels.test_whole_files import full_disk
 
-SOURCES = [path for root in ("itree_jax", "kernels", "cad") for path in (Path(__file__).parents[1] / root).rglob("*.py")]
+ROOT = Path(__file__).parents[1]
+SOURCES = [path for package in ("itree_jax", "kernels", "cad") for path in (ROOT / package).rglob("*.py")]
 PART = box_part(40.0, 30.0, 20.0)
 ANSWERS = [Detections((Detection(1, 0, 1, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0])),), 1.0, 1)]
 BIN = BinWalls((100.0, 80.0), 40.0, 5.0, np.eye(4))
@@ -79,7 +80,7 @@ def writes_whole_or_not(write: Callable[[Path], object], folder: Path, monkeypat
             write(folder)
         there = files_in(folder)
         assert bool(there) == before
-        with full_disk(), pytest.raises(ItreeError, match="cannot be written|exists already"):
+        with full_disk(), pytest.raises(ItreeError, match=r"cannot be written|exists already"):
             write(folder)
         assert files_in(folder) == there
         with monkeypatch.context() as patched:
@@ -102,7 +103,7 @@ def test_so_do_those_of_trees(write, paper_tree, tmp_path, monkeypatch):
 
 def test_no_module_writes_to_a_disk_by_itself():
     """Inside the block of `whole_folder` and `whole_entries` it may."""
-    direct = re.compile(r"write_text\(|write_bytes\(|open\([^)]*[\"'][wax]b?[\"']|\.export\((?!file_type)|np\.save\((?!out)"
-                        r"|imwrite\(|os\.replace\(|mkstemp|NamedTemporaryFile")  # fmt: skip
+    direct = re.compile(r"write_text\(|write_bytes\(|open\([^)]*[\"'][wax]b?[\"']|\.export\((?!file_type)"
+                        r"|np\.save\((?!out)|imwrite\(|os\.replace\(|mkstemp|NamedTemporaryFile")  # fmt: skip
     found = {path.name for path in SOURCES if direct.search(path.read_text(encoding="utf-8"))}
     assert found == {"whole_files.py", "scene_writer.py", "meshes.py"}  # of meshes.py a docstring

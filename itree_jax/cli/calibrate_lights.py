@@ -45,7 +45,7 @@ class CalibrateLights:
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None
     """Draw the fit: outline, highlight, predicted shading and what is left."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about images, mask or camera, before anything is written."""

@@ -30,7 +30,7 @@ class ClearBin:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Of the drops and the images."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about trees, gripper, numbers or output, or when the physics engine is missing."""

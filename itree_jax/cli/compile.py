@@ -38,7 +38,7 @@ class Compile:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the noisy draws; the same seed gives the same file."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about the model, the sensor or the output."""

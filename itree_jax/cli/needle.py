@@ -49,7 +49,7 @@ class Needle:
     """Images of a sphere of the parts' material under the same lights, with its mask: the normal is then read as that
     material shows it, not by Lambert's law (robust only)."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about images or lights; the folder is written whole or not at all."""

@@ -61,7 +61,7 @@ class Recognize:
     hand_eye: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Camera -> robot as JSON, {"R": [9], "t": [3, mm]}: grasps are given in the robot's frame too."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about a tree or a scene, before anything is written."""

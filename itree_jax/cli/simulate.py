@@ -38,7 +38,7 @@ class Simulate:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Of the drops and the images; the same seed gives the same dataset."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about model, sensor, numbers or output, or when the physics engine is missing."""

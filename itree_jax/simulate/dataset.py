@@ -10,6 +10,7 @@ import trimesh
 from itree_cad.part import Part
 from itree_cad.symmetry import symmetries
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json_object
 from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
 
@@ -95,7 +96,7 @@ def write_model(part: Part, obj_id: int, folder: Path) -> None:
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
     write_whole(folder / f"obj_{obj_id:06d}.ply", mesh.export(file_type="ply"))
     path = folder / "models_info.json"
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    known = read_json_object(path) if path.is_file() else {}
     _write_json(path, known | {str(obj_id): model_info(part)})
 
 

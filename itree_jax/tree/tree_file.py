@@ -81,7 +81,7 @@ def _header(tree: InterpretationTree, content: Any, stored: dict[str, bytes]) ->
 def _checked_header(path: Path, members: dict[str, bytes]) -> dict[str, Any]:
     try:
         header = json.loads(members[HEADER])
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, RecursionError):
         header = None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ItreeError(f"{path} is not a tree file: it has no header of one. {AGAIN}")

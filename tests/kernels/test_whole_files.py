@@ -84,10 +84,10 @@ def test_an_interrupt_leaves_the_old_file(tmp_path, monkeypatch, call):
     assert tree_of(tmp_path) == {"a.txt": "old"}
 
 
-@pytest.mark.parametrize("work", ["write_whole('a', 'new')", "with whole_entries('a') as s: (s / 'b').write_text('new')",
-                                  "with whole_folder('a') as s: (s / 'b').write_text('new')"])  # fmt: skip
-def test_what_a_killed_process_leaves_is_cleared_by_the_next(tmp_path, work):
-    program = KILLED.format(name=work.split("(")[0].removeprefix("with "), work=work)
+@pytest.mark.parametrize("name", ["write_whole", "whole_entries", "whole_folder"])
+def test_what_a_killed_process_leaves_is_cleared_by_the_next(tmp_path, name):
+    fill = f"with {name}('a') as stage: (stage / 'b').write_text('new')"
+    program = KILLED.format(name=name, work="write_whole('a', 'new')" if name == "write_whole" else fill)
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=False)
     assert done.returncode == -signal.SIGKILL
     (left,) = tmp_path.iterdir()
@@ -129,9 +129,14 @@ def test_entries_that_cannot_all_be_moved_move_back(tmp_path, monkeypatch):
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", fails_at_b)
-    with pytest.raises(ItreeError, match=r"out: cannot be written \(No space left on device\)"), whole_entries(out) as s:
-        for name in ("a", "b", "c"):
-            (s / name).write_text("new")
+
+    def write():
+        with whole_entries(out) as stage:
+            for name in ("a", "b", "c"):
+                (stage / name).write_text("new")
+
+    with pytest.raises(ItreeError, match=r"out: cannot be written \(No space left on device\)"):
+        write()
     assert moved
     assert tree_of(tmp_path) == {"out/a": "old", "out/b": "old", "out/mine": "old"}
 
