@@ -12,6 +12,7 @@ UNIT_TOLERANCE = 1e-3  # a direction printed with four digits is unit to this
 MAX_CONDITION = 100.0  # beyond, 1 % of error in an intensity could turn a normal anywhere: no three lights in space
 MAX_RATIO = 1000.0  # of intensities: the weakest light is then lost in the 10 bits of the strongest
 FARTHEST = 1e6  # [mm] of a near light: beyond a kilometre it is distant, or in another unit
+STRONGEST = 1e6  # of intensities, or its inverse: single precision keeps what is made of them
 SLANT_GUARD = np.radians(13.0)  # see `slant_limit_of`
 
 
@@ -99,6 +100,8 @@ def check_intensities(intensities: Float[np.ndarray, "lights"], where: str) -> N
         if not (np.isfinite(value) and value > 0.0):
             raise ItreeError(f"{where}: the intensity of light {i} must be positive, it is {value:.6g}")
     low, high = float(np.min(intensities, initial=np.inf)), float(np.max(intensities, initial=0.0))
+    if len(intensities) and not 1.0 / STRONGEST < high < STRONGEST:
+        raise ItreeError(f"{where}: the strongest light's intensity is {high:.3g}; intensities are relative, near 1")
     if high > MAX_RATIO * low:
         raise ItreeError(
             f"{where}: the lights' intensities go from {low:.3g} to {high:.3g}, exposure included; beyond a ratio of "
