@@ -88,6 +88,16 @@ def whole_entries(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
+def folder_beside(path: str | Path) -> Iterator[Path]:
+    """A new folder beside `path`, for what is needed until `path` can be written; gone after the block.
+
+    Raises ItreeError when it cannot be made.
+    """
+    with _told(path), _stage(Path(path)) as stage:
+        yield stage
+
+
+@contextmanager
 def _stage(path: Path) -> Iterator[Path]:
     """A folder beside `path`, gone after the block."""
     target = path.resolve()
