@@ -1,6 +1,5 @@
 """Images on disk -> linear float intensity, and back."""
 
-import io
 import warnings
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import cv2
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError, ItreeWarning
+from itree_kernels.npy_file import parse_npy
 from jaxtyping import Float, Num, UInt
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
@@ -24,9 +24,9 @@ def decoded(path: Path) -> Num[np.ndarray, "..."]:
         raise ItreeError(f"{path}: the image file is empty; was it written to its end?")
     try:
         if path.suffix == ".npy":
-            return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
+            return parse_npy(content, str(path))
         image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except (ValueError, EOFError, MemoryError, OverflowError, cv2.error) as error:
+    except cv2.error as error:
         raise ItreeError(f"{path}: the image cannot be read ({error})") from error
     if image is None:
         raise ItreeError(f"{path}: not an image, cut short, or a kind that is not understood; use 8- or 16-bit PNG")

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.npy_file import parse_npy
 from itree_kernels.whole_files import write_whole
 
 from itree_jax.sensing.sensor_file import sensor_to_json
@@ -97,6 +98,8 @@ def _checked_header(path: Path, members: dict[str, bytes]) -> dict[str, Any]:
         raise ItreeError(f"{path}: the header was changed after it was written (checksum). {AGAIN}")
     if not isinstance(header.get("sha256"), dict):
         raise ItreeError(f"{path}: the header lacks the checksums of the arrays. {AGAIN}")
+    if "tree" not in header:
+        raise ItreeError(f"{path}: the header lacks the tree. {AGAIN}")
     return header
 
 
@@ -107,8 +110,8 @@ def _checked_array(path: Path, members: dict[str, bytes], name: str, digest: str
     if _sha256(data) != digest:
         raise ItreeError(f"{path}: the array {name} was changed after it was written (checksum). {AGAIN}")
     try:
-        return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        return parse_npy(data, f"{name}.npy")
+    except ItreeError as error:
         raise ItreeError(f"{path}: {name}.npy is not an array ({error}). {AGAIN}") from error
 
 
