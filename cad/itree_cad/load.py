@@ -31,6 +31,8 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
     or index. Raises ItreeError for a file that is missing, unreadable, empty, or an assembly without `solid`.
     """
     if str(source).startswith(BUNDLED):
+        if units not in (None, "mm") or solid is not None:
+            raise ItreeError(f"{source} is one solid, in mm: leave out its unit and the name of a solid")
         return bundled_part(str(source).removeprefix(BUNDLED))
     if units is not None:
         unit_factor(units)
