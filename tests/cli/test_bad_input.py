@@ -305,7 +305,7 @@ TRUTHS: dict[str, tuple[str, str, str]] = {
     "models: a number": ("models/models_info.json", '{"1": 3}', "'1': 3 is not the number of an object"),
     "models: a name": ("models/models_info.json", '{"bolt": {}}', "'bolt': {} is not the number of an object"),
     "models: no size": ("models/models_info.json", '{"1": {"diameter": -1}}', "needs a diameter in mm, it has -1"),
-    "models: symmetry": ("models/models_info.json", '{"1": {"diameter": 1, "symmetries_continuous": [3]}}', "is 3, not"),
+    "models: symmetry": ("models/models_info.json", '{"1": {"diameter": 1, "symmetries_continuous": [3]}}', "is 3,"),
     "models: no mesh": ("models/obj_000001.ply", "ply", "not a mesh of a solid"),
     "scenes: a number": ("scenes.json", '{"000042": 3}', "each scene's entry must be an object"),
     "scenes: a name": ("scenes.json", '{"first": {}}', "must be named by its number"),
