@@ -41,6 +41,9 @@ def main(name: str, crashes: Path, corpus: Path, options: list[str]) -> None:
     def mutate(data: bytes, longest: int, seed: int) -> bytes:
         return target.mutate(bytes(data), random.Random(seed), by_bytes)[:longest]
 
+    from itree_jax.cli.runtime import start_jax
+
+    start_jax()  # the fuzzer ends the process while a computation may be in flight
     crashes.write_text("{}\n")
     atheris.Setup([sys.argv[0], *options, str(corpus)], one_input, custom_mutator=mutate)
     atheris.Fuzz()

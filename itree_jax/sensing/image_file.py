@@ -16,6 +16,13 @@ BRIGHTEST_FLOAT = 2.0  # of full scale: what a lens correction may make of 1.0; 
 
 def decoded(path: Path) -> Num[np.ndarray, "..."]:
     """What the file holds, colour in OpenCV's order (blue first). Raises `ItreeError` if it cannot be read."""
+    image = _decoded(path)
+    if image.size == 0:
+        raise ItreeError(f"{path}: the image has no pixel, its shape is {image.shape}")
+    return image
+
+
+def _decoded(path: Path) -> Num[np.ndarray, "..."]:
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -154,6 +154,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
     "array: cut": (array_file(lambda content: content[:500]), "000000_01.npy: cannot be read as an array"),
     "array: rubbish": (array_file(lambda content: b"\x93NUMPY\x01\x00\x01\x00("), "cannot be read as an array"),
     "array: archive": (array_file(lambda content: b"PK\x05\x06" + bytes(18)), "cannot be read as an array"),
+    "array: no pixel": (as_array(lambda a: a[:0, :0, None][..., :0]), "000000_01.npy: the image has no pixel"),
     "NaN": (as_array(lambda a: np.where(a > 0.5, np.nan, a)), "000000_01.npy: the image has values that are not"),
     "infinite": (as_array(lambda a: np.where(a > 0.5, np.inf, a)), "000000_01.npy: the image has values that are not"),
     "counts as floats": (as_array(lambda a: 255.0 * a), "but 1.0 is full scale of an image in floats"),
