@@ -23,6 +23,7 @@ from itree_jax.backtracking import (
 from itree_jax.challenge import challenged, settled
 from itree_jax.competition import compete, select
 from itree_jax.detections import TOO_DARK, Detections, place_of
+from itree_jax.input_check import check_numbers
 from itree_jax.narrowing import judge, narrow
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_reflections import subtract_reflections
@@ -78,6 +79,7 @@ def recognize(
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
+    check_numbers(images, depth, R_w2c)
     if images.ndim == 4:
         depths = [None] * len(images) if depth is None else depth
         seconds = second if isinstance(second, Sequence) else [second] * len(images)

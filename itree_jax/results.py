@@ -2,8 +2,6 @@
 
 import csv
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float, Int
 
 from itree_jax.detections import Detection, Detections, Unobservable
@@ -19,6 +18,7 @@ RESULTS_VERSION = 2  # of the JSON file; raised when a reader of the old one wou
 SCHEMA_PATH = Path(__file__).with_name("results.schema.json")
 CSV_COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 IN_DEGREES = np.repeat([np.degrees(1.0), 1.0], 3)  # of the numbers of a twist
+LARGEST_ID = 2**31 - 1
 ROTATION_TOLERANCE = 0.01  # of R R^T against I: rounding to three digits passes, a scaled or sheared matrix does not
 
 
@@ -44,13 +44,12 @@ class BopResults:
 
 def write_bop_csv(detections: Iterable[Detections], path: str | Path) -> None:
     """Writes `scene_id,im_id,obj_id,score,R,t,time`, by scene, image and falling score. Numbers survive exactly."""
-    lines = [",".join(CSV_COLUMNS)]
-    for image in _by_scene(detections):
-        for d in image.by_score:
-            cells = (d.scene_id, d.im_id, d.obj_id, repr(float(d.score)), _numbers(d.R_cam_obj), _numbers(d.t_cam_obj),
-                     repr(float(image.time)))  # fmt: skip
-            lines.append(",".join(map(str, cells)))
-    _write_atomically(Path(path), "\n".join(lines) + "\n")
+    write_csv_document(results_document(detections), path)
+
+
+def write_csv_document(document: dict[str, Any], path: str | Path) -> None:
+    """`write_bop_csv` of a results document."""
+    write_whole(path, "\n".join([",".join(CSV_COLUMNS), *csv_lines(document)]) + "\n")
 
 
 def write_json(detections: Iterable[Detections], path: str | Path) -> None:
@@ -58,14 +57,38 @@ def write_json(detections: Iterable[Detections], path: str | Path) -> None:
 
     Lengths in mm, angles in degrees. A number that is not finite is written as null.
     """
-    document = {"version": RESULTS_VERSION, "units": {"length": "mm", "angle": "deg", "time": "s"},
-                "images": [_image_to_json(image) for image in _by_scene(detections)]}  # fmt: skip
-    write_json_document(document, path)
+    write_json_document(results_document(detections), path)
+
+
+def results_document(detections: Iterable[Detections]) -> dict[str, Any]:
+    """What `write_json` writes, as plain JSON data."""
+    return plain_json({
+        "version": RESULTS_VERSION, "units": {"length": "mm", "angle": "deg", "time": "s"},
+        "images": [_image_to_json(image) for image in _by_scene(detections)],
+    })  # fmt: skip
+
+
+def joined_documents(documents: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """The results of several scenes in one document, as `results_document` of them all."""
+    images = [image for document in documents for image in document["images"]]
+    empty = results_document(())
+    return {**empty, "images": sorted(images, key=lambda image: (image["scene_id"], image["im_id"]))}
+
+
+def csv_lines(document: dict[str, Any]) -> list[str]:
+    """The rows of a BOP csv that say what a results document says; the numbers are those of `write_bop_csv`."""
+    return [
+        ",".join(map(str, (
+            image["scene_id"], image["im_id"], d["obj_id"], repr(float(d["score"])), _numbers(np.array(d["R"])),
+            _numbers(np.array(d["t"])), repr(float(image["time"])),
+        )))
+        for image in document["images"] for d in image["detections"]
+    ]  # fmt: skip
 
 
 def write_json_document(document: dict[str, Any], path: str | Path) -> None:
     """Writes JSON whole or not at all. A number that is not finite is written as null."""
-    _write_atomically(Path(path), json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
+    write_whole(path, json.dumps(plain_json(document), indent=1, allow_nan=False) + "\n")
 
 
 def read_bop_csv(path: str | Path) -> BopResults:
@@ -107,9 +130,12 @@ def _parse_row(path: Path, number: int, row: list[str], columns: Sequence[int], 
 
 def _parse_int(path: Path, number: int, column: str, text: str) -> int:
     try:
-        return int(text)
+        found = int(text)
     except ValueError:
-        raise ItreeError(f"{path}, row {number}, column {column}: {text!r} is not a whole number.") from None
+        found = LARGEST_ID + 1
+    if abs(found) > LARGEST_ID:
+        raise ItreeError(f"{path}, row {number}, column {column}: {text!r} is not a whole number.")
+    return found
 
 
 def _parse_floats(path: Path, number: int, column: str, text: str, count: int) -> Float[np.ndarray, "count"]:
@@ -166,14 +192,14 @@ def _unobservable_to_json(u: Unobservable) -> dict[str, Any]:
     return {"words": u.words, "twist_deg_mm": u.twist * IN_DEGREES * per_degree, "deviation_mm": u.deviation}
 
 
-def _plain(value: Any) -> Any:
+def plain_json(value: Any) -> Any:
     """`value` as data that JSON can hold: arrays become lists, numbers that are not finite become None."""
     if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain_json(v) for k, v in value.items()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(v) for v in value]
+        return [plain_json(v) for v in value]
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain_json(value.item())
     if isinstance(value, float):
         return value if np.isfinite(value) else None
     return value
@@ -181,21 +207,3 @@ def _plain(value: Any) -> Any:
 
 def _numbers(values: Float[np.ndarray, "..."]) -> str:
     return " ".join(repr(float(v)) for v in np.ravel(values))
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    """A reader sees the old file or the new one, never half of one."""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", text=True)
-    except OSError as error:
-        raise ItreeError(f"{path}: cannot be written ({error}).") from error
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException as error:
-        os.unlink(temporary)
-        if isinstance(error, OSError):
-            raise ItreeError(f"{path}: cannot be written ({error}).") from error
-        raise

@@ -3,7 +3,6 @@
 import io
 from pathlib import Path
 
-import cascadio
 import numpy as np
 import trimesh
 from itree_kernels.errors import ItreeError
@@ -12,11 +11,10 @@ from jaxtyping import Float, Int
 from itree_cad.assemble import components, shared_edges, triangle_areas
 from itree_cad.faces import SMOOTH_ANGLE
 from itree_cad.solids import RawSolid
+from itree_cad.step_reader import step_to_glb
 from itree_cad.surfaces import FittedSurface, fit_any, fit_curved, fit_plane
 from itree_cad.units import MILLIMETRES, step_unit
 
-CHORD = 0.05  # [mm], largest distance between a surface and its triangles
-TURN = 0.07  # [rad], largest angle between neighbouring facets: 4 degrees
 ON_SURFACE = 1e-4  # of the diameter: a B-rep keeps its edges to a tolerance of its own, coarser than rounding
 COPLANAR = np.cos(np.radians(0.1))
 
@@ -28,20 +26,19 @@ def read_step(path: Path, units: str | None) -> tuple[list[RawSolid], str]:
     file; the solids of an assembly keep their own.
     """
     data = path.read_bytes()
-    glb = b""
-    if b"ISO-10303-21" in data[:4096]:
-        glb = cascadio.load(
-            data, tol_linear=CHORD, tol_angular=TURN, include_brep=True, merge_primitives=True, use_parallel=False
-        )
-    if not glb:
-        raise ItreeError(f"{path} cannot be read as STEP: it has no shape in it, or is damaged")
+    if b"ISO-10303-21" not in data[:4096]:
+        raise ItreeError(f"{path} cannot be read as STEP: it does not begin as one")
+    glb = step_to_glb(data, str(path))
     declared = step_unit(data.decode("latin-1"))
     scale = MILLIMETRES["m"]  # a GLB is in metres
     if units is not None:
         if declared is None:
             raise ItreeError(f"{path} does not say one unit of its own, so it cannot be read as '{units}' instead")
         scale *= MILLIMETRES[units] / MILLIMETRES[declared]
-    scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb")
+    try:
+        scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb")
+    except Exception as error:  # the reader raises whatever it trips over
+        raise ItreeError(f"{path} cannot be read as STEP: what OpenCascade makes of it is no mesh ({error})") from error
     return scene_solids(scene, scale), units or declared or "mm"
 
 

@@ -5,11 +5,14 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
 from itree_cad.assemble import assemble_part, diameter, is_watertight
 from itree_cad.brep import brep_component_faces, read_step, scene_solids
 from itree_cad.bundled import bundled_part
+from itree_cad.decimate import decimated
 from itree_cad.faces import recover_faces
+from itree_cad.mesh_doubts import warn_of_doubts
 from itree_cad.part import Part
 from itree_cad.part_file import read_part_file, with_identifying_faces
 from itree_cad.solids import RawSolid, distinct_solids, pick_solid, weld
@@ -28,6 +31,8 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
     or index. Raises ItreeError for a file that is missing, unreadable, empty, or an assembly without `solid`.
     """
     if str(source).startswith(BUNDLED):
+        if units not in (None, "mm") or solid is not None:
+            raise ItreeError(f"{source} is one solid, in mm: leave out its unit and the name of a solid")
         return bundled_part(str(source).removeprefix(BUNDLED))
     if units is not None:
         unit_factor(units)
@@ -56,9 +61,9 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
 
 
 def save_stl(part: Part, path: str | Path) -> None:
-    """Writes the part as a binary STL, in [mm] (an STL does not say so)."""
+    """Writes the part as a binary STL, in [mm] (an STL does not say so). Raises ItreeError when it cannot."""
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
-    mesh.export(Path(path), file_type="stl")
+    write_whole(path, mesh.export(file_type="stl"))
 
 
 def _read_mesh(path: Path, units: str | None) -> tuple[list[RawSolid], str]:
@@ -83,12 +88,16 @@ def _part(raw: RawSolid, name: str, unit: str, path: Path) -> Part:
     if len(triangles) == 0 or np.linalg.matrix_rank(vertices - vertices.mean(axis=0), tol=1e-6 * np.ptp(vertices)) < 3:
         raise ItreeError(f"{path}: '{raw.name}' has no volume, only {len(triangles)} triangles in one plane")
     triangles = _well_wound(vertices, triangles)
+    if raw.brep_face is None:
+        vertices, triangles = decimated(vertices, triangles, str(path))
     size = diameter(vertices)
     if raw.brep_face is None:
         label, types = recover_faces(vertices, triangles, size)
     else:
         label, types = brep_component_faces(vertices, triangles, raw.brep_face[kept], raw.brep_types, size)
-    return assemble_part(name, vertices, triangles, label, types, unit)
+    part = assemble_part(name, vertices, triangles, label, types, unit)
+    warn_of_doubts(part.vertices, part.triangles, size, str(path))
+    return part
 
 
 def _well_wound(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -1,10 +1,10 @@
 """A part file: a small JSON beside a model that says what the model's file cannot."""
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json
 
 from itree_cad.part import Part
 from itree_cad.units import unit_factor
@@ -32,9 +32,9 @@ def read_part_file(path: str | Path) -> PartFile:
     """Reads and checks a part file; ItreeError names the entry that is wrong."""
     path = Path(path)
     try:
-        entries = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise ItreeError(f"{path} cannot be read as a part file: {error}") from error
+        entries = read_json(path)
+    except ItreeError as error:
+        raise ItreeError(f"no part file: {error}") from error
     if not isinstance(entries, dict) or not isinstance(entries.get("model"), str):
         raise ItreeError(f'{path} is no part file: it needs "model", the relative path of a CAD file')
     if unknown := sorted(set(entries) - _KEYS):

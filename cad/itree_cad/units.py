@@ -8,6 +8,7 @@ from itree_cad.part import Part
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 SMALLEST_SHARE = 0.01  # of the field of view: a part smaller than this shows no face
+MISTAKES = (25.4, 1000.0, 10.0, 1 / 25.4, 0.001, 0.1)  # factors by which numbers are converted twice, or not at all
 LIKELY_FACTORS = (25.4, 1 / 25.4, 10.0, 0.1, 1000.0, 0.001)
 
 _PREFIX = {"": "m", "MILLI": "mm", "CENTI": "cm"}
@@ -70,8 +71,20 @@ def _advice(part: Part, field_of_view_mm: float) -> str:
         and SMALLEST_SHARE * field_of_view_mm <= numbers * factor <= field_of_view_mm
     ]
     if not likely:
-        return "No other unit makes it fit: check that the model and the sensor belong together."
+        return _scaled_by(part, field_of_view_mm)
     # a part usually fills a tenth or so of the field of view
     likely.sort(key=lambda unit: abs(numbers * MILLIMETRES[unit] / field_of_view_mm - 0.1))
     sizes = " or ".join(f"--units {unit} ({numbers * MILLIMETRES[unit]:.4g} mm)" for unit in likely)
     return f"The file is probably in another unit: try {sizes}."
+
+
+def _scaled_by(part: Part, field_of_view_mm: float) -> str:
+    """The factor that somebody may have multiplied the numbers by, if no other unit explains them."""
+    fitting = [f for f in MISTAKES if SMALLEST_SHARE * field_of_view_mm <= part.diameter / f <= field_of_view_mm]
+    if not fitting:
+        return "No other unit makes it fit: check that the model and the sensor belong together."
+    sizes = " or ".join(f"{factor:.4g} ({part.diameter / factor:.4g} mm)" for factor in fitting)
+    return (
+        f"No other unit makes it fit. Its numbers may have been multiplied by {sizes} in an export: export it again in "
+        "mm, or check that the model and the sensor belong together."
+    )

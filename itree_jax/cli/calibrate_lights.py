@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
 from itree_jax.cli.outputs import check_file
 from itree_jax.cli.terminal import output, progress, say
@@ -44,7 +45,7 @@ class CalibrateLights:
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None
     """Draw the fit: outline, highlight, predicted shading and what is left."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about images, mask or camera, before anything is written."""
@@ -52,7 +53,7 @@ class CalibrateLights:
         with progress(self.quiet) as tell:
             tell("loading", 0.0)
             from itree_jax.sensing.light_calibration.calibrate import calibrate, load_sphere
-            from itree_jax.sensing.sensor_file import load_unlit_sensor, replace_file
+            from itree_jax.sensing.sensor_file import load_unlit_sensor
 
             sensor = None if self.camera is None else load_unlit_sensor(self.camera)
             if self.near and (sensor is None or sensor.camera.is_orthographic):
@@ -68,8 +69,8 @@ class CalibrateLights:
             near_at = sensor.working_distance if self.near and sensor is not None else None
             found = calibrate(places, self.sphere, near_at, matte)
             if self.picture is not None:
-                replace_file(self.picture, _drawn(places, found, matte))
-            replace_file(self.output, (json.dumps(found.to_json(), indent=2) + "\n").encode())
+                write_whole(self.picture, _drawn(places, found, matte))
+            write_whole(self.output, json.dumps(found.to_json(), indent=2) + "\n")
         if not self.quiet:
             output().print(light_table(found, places))
         say(f"{self.output}: {len(found.directions)} lights ({self._how(places, sensor)})", self.quiet)

@@ -8,6 +8,7 @@ import numpy as np
 import tyro
 from itree_kernels.errors import ItreeError
 
+from itree_jax.cli.numbers import check_seed
 from itree_jax.cli.outputs import check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
 from itree_jax.cli.terminal import output, progress
@@ -30,7 +31,7 @@ class ClearBin:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Of the drops and the images."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about trees, gripper, numbers or output, or when the physics engine is missing."""
@@ -39,6 +40,7 @@ class ClearBin:
         if self.bins < 1 or self.parts < 1:
             raise ItreeError(f"{self.bins} bins of {self.parts} parts cannot be cleared; both must be at least 1")
         check_folder(self.output)
+        check_seed(self.seed)
         with progress(self.quiet) as tell:
             tell("loading", 0.0)
             start_jax()

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from itree_jax.cli.numbers import check_object_number, check_seed
 from itree_jax.cli.outputs import check_file
 from itree_jax.cli.runtime import start_jax
 from itree_jax.cli.terminal import progress, say
@@ -38,11 +39,13 @@ class Compile:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Seed of the noisy draws; the same seed gives the same file."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about the model, the sensor or the output."""
         check_file(self.output)
+        check_seed(self.seed)
+        check_object_number(self.obj_id)
         start = time.perf_counter()
         with progress(self.quiet) as tell:
             tell("loading", 0.0)

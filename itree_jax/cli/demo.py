@@ -33,7 +33,7 @@ class Demo:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR")] = Path("itree-demo")
     """Folder for the page, the tree, the scene and the results."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError when the folder cannot be written."""

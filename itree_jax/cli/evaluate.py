@@ -21,7 +21,7 @@ class Evaluate:
     json: bool = False
     """Print JSON instead of a table."""
     quiet: bool = False
-    """Show nothing but errors (and JSON that was asked for)."""
+    """Show nothing but warnings and errors (and JSON that was asked for)."""
 
     def run(self) -> None:
         """Raises ItreeError naming the file, row and column of what is wrong."""

@@ -19,6 +19,7 @@ from itree_jax.cli.scene import MakeScene
 from itree_jax.cli.show import Show
 from itree_jax.cli.simulate import Simulate
 from itree_jax.cli.view import View
+from itree_jax.cli.warned import warnings_shown
 
 DONE, BAD_INPUT, INTERRUPTED = 0, 2, 130
 VERBS = {
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         verb = tyro.extras.subcommand_cli_from_dict(
             VERBS, prog="itree", description=DESCRIPTION, args=arguments, config=(tyro.conf.FlagCreatePairsOff,)
         )
-        with heard_everywhere():
+        with heard_everywhere(), warnings_shown():
             verb.run()
     except ItreeError as error:
         print(f"itree: {error}", file=sys.stderr)

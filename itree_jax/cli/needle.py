@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
 from itree_jax.cli.outputs import check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
@@ -48,7 +49,7 @@ class Needle:
     """Images of a sphere of the parts' material under the same lights, with its mask: the normal is then read as that
     material shows it, not by Lambert's law (robust only)."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about images or lights; the folder is written whole or not at all."""
@@ -68,7 +69,7 @@ class Needle:
             needle = self._solve(given)
             with staged_folder(self.output) as stage:
                 there = write_needle_map(stage, needle, given.mask)
-                (stage / "needles.png").write_bytes(_drawn(given, needle, there))
+                write_whole(stage / "needles.png", _drawn(given, needle, there))
         if not self.quiet:
             output().print(_table(given, needle, there))
         say(f"{self.output}: normals, albedo, uncertainty, mask", self.quiet)

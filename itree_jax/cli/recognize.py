@@ -1,19 +1,20 @@
 """`itree recognize`: scenes + trees -> poses."""
 
+import shutil
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 from itree_kernels.errors import ItreeError
 
-from itree_jax.cli.grasps import check_grasp_options, grasp_planner
+from itree_jax.cli.grasps import GraspPlanner, check_grasp_options, grasp_planner
+from itree_jax.cli.kept_scenes import DoneScene, KeptScenes, digest_of, kept_scenes
 from itree_jax.cli.outputs import check_file, check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
-from itree_jax.cli.terminal import output, progress, say
+from itree_jax.cli.terminal import Tell, output, progress, say
 
 if TYPE_CHECKING:
     from itree_jax.detections import Detections
@@ -60,55 +61,105 @@ class Recognize:
     """Write the grasps that collide with nothing, and the reasons where there is none, as JSON."""
     hand_eye: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Camera -> robot as JSON, {"R": [9], "t": [3, mm]}: grasps are given in the robot's frame too."""
+    resume: bool = False
+    """Keep every scene when it is done, in a folder results.csv.progress. A run that was stopped goes on where it was
+    when the same command is given again; the outputs are written, and the folder goes, when all scenes are done."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about a tree or a scene, before anything is written."""
         self._check()
-        with progress(self.quiet) as tell, _report_folder(self.report) as pages, _report_folder(self.world) as models:
+        with progress(self.quiet) as tell, kept_scenes(self.output, self.resume) as kept:
             tell("loading", 0.0)
             start_jax()
-            from itree_jax.prepared import prepare
-            from itree_jax.results import write_bop_csv, write_json, write_json_document
-            from itree_jax.sensing.scene_folder import scene_folders
-            from itree_jax.tree.tree_file import load_tree
-
-            planner = None if self.gripper is None else grasp_planner(self.gripper, self.hand_eye)
-            prepared = [prepare(load_tree(path)) for path in self.trees]
-            check_objects(prepared)
-            folders = scene_folders(self.scenes)
-            check_numbered(folders)
-            planned = []
-            answers, entries, forests, lights = [], [], {}, {} if self.self_calibrate else None
-            for k, folder in enumerate(folders):
-                tell(f"scene {folder.name}", k / len(folders))
-                scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
-                grasps = None if planner is None else planner.plan(scene, found, fitting)
-                if grasps is not None:
-                    planned.append((replace(found, labels=None, depth=None), grasps))
-                if pages is not None:
-                    entries.append(_write_page(pages, scene, found, fitting, grasps))
-                if models is not None:
-                    _write_model(models, scene, found, fitting)
-                answers.append(replace(found, labels=None, depth=None))  # a label image per scene would fill the memory
+            done = self._recognized(kept, tell)
             tell("writing", 1.0)
-            if pages is not None:
-                _write_index(pages, entries)
-            write_bop_csv(answers, self.output)
-            if self.json is not None:
-                write_json(answers, self.json)
-            if self.grasps is not None:
-                from itree_jax.grasp import write_grasps
-
-                write_grasps(planned, self.grasps)
-            if lights is not None:
-                from itree_jax.refinement.light_corrections import lights_document
-
-                write_json_document(lights_document(lights), self.lights_file)
+            answers = self._write(done, kept)
         if not self.quiet:
-            output().print(answer_table(answers))
-            say_lights(lights)
+            output().print(answer_table(answers["images"]))
+            say_lights({one.name: one.lights for one in done if one.lights is not None})
+
+    def _recognized(self, kept: KeptScenes, tell: Tell) -> list[DoneScene]:
+        """All scenes, one after the other; those that a stopped run has kept are not recognised again."""
+        from itree_jax.prepared import prepare
+        from itree_jax.sensing.scene_folder import scene_folders
+        from itree_jax.tree.tree_file import load_tree
+
+        planner = None if self.gripper is None else grasp_planner(self.gripper, self.hand_eye)
+        prepared = [prepare(load_tree(path)) for path in self.trees]
+        check_objects(prepared)
+        folders = scene_folders(self.scenes)
+        check_numbered(folders)
+        kept.check_run(**self._inputs())
+        known = {folder: kept.find(folder) for folder in folders}
+        forests: Forests = {}
+        done = []
+        for k, folder in enumerate(folders):
+            tell(f"scene {folder.name}", k / len(folders))
+            one = known[folder]
+            if one is None:
+                one = self._recognize(folder, prepared, forests, planner, kept)
+                kept.keep(folder, one)
+            elif None in known.values():  # a tree that was compiled for this scene is needed by later ones
+                prepared += trees_for_more_lights(folder, prepared, self.quiet)
+            done.append(one)
+        return done
+
+    def _recognize(
+        self, folder: Path, prepared: "list[Prepared]", forests: "Forests", planner: GraspPlanner | None,
+        kept: KeptScenes,
+    ) -> DoneScene:
+        from itree_jax.grasp import grasps_to_json
+        from itree_jax.results import plain_json, results_document
+
+        lights: dict[str, SelfCalibration] | None = {} if self.self_calibrate else None
+        try:
+            scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
+        except ItreeError as error:
+            if not self.resume:
+                raise
+            raise ItreeError(f"{error} The scenes before it are kept for --resume in {kept.folder}.") from error
+        grasps = None if planner is None else planner.plan(scene, found, fitting)
+        card = None if self.report is None else _write_page(kept.pages, scene, found, fitting, grasps)
+        if self.world is not None:
+            _write_model(kept.models, scene, found, fitting)
+        told = None if grasps is None else plain_json(grasps_to_json(found, grasps))
+        return DoneScene(folder.name, results_document([found]), told, card, next(iter((lights or {}).values()), None))
+
+    def _write(self, done: list[DoneScene], kept: KeptScenes) -> dict[str, Any]:
+        """All outputs, and the results of all scenes."""
+        from itree_jax.grasp import grasps_document
+        from itree_jax.refinement.light_corrections import joined_corrections
+        from itree_jax.results import joined_documents, write_csv_document, write_json_document
+
+        answers = joined_documents(one.answers for one in done)
+        if self.report is not None:
+            _write_index(kept.pages, [one.card for one in done if one.card is not None])
+            _publish(kept.pages, self.report)
+        if self.world is not None:
+            _publish(kept.models, self.world)
+        write_csv_document(answers, self.output)
+        if self.json is not None:
+            write_json_document(answers, self.json)
+        if self.grasps is not None:
+            write_json_document(grasps_document([one.grasps for one in done if one.grasps is not None]), self.grasps)
+        if self.self_calibrate:
+            corrected = [one for one in done if one.lights is not None]
+            scenes = {one.name: one.answers["images"][0]["lights"] for one in corrected}
+            found = [one.lights for one in corrected if one.lights is not None]
+            write_json_document(joined_corrections(scenes, found), self.lights_file)
+        return answers
+
+    def _inputs(self) -> dict[str, Any]:
+        """What the answers depend on beside the scenes, and what is kept of them."""
+        gripper = self.gripper if self.gripper is None or self.gripper.startswith("bundled:") else Path(self.gripper)
+        return {
+            "trees": [digest_of(path) for path in self.trees],
+            "gripper": digest_of(gripper) if isinstance(gripper, Path) else gripper,
+            "hand-eye": None if self.hand_eye is None else digest_of(self.hand_eye),
+            "options": [self.depth, self.self_calibrate, self.report is not None, self.world is not None],
+        }
 
     @property
     def lights_file(self) -> Path:
@@ -187,11 +238,11 @@ def recalibrated(
     return scene, replace(found, lights=corrections_to_json(correction))
 
 
-def say_lights(lights: "dict[str, SelfCalibration] | None") -> None:
+def say_lights(lights: "dict[str, SelfCalibration]") -> None:
     """How the lights were corrected, a line per scene."""
     from itree_jax.refinement.light_corrections import corrections_in_words
 
-    for name, correction in (lights or {}).items():
+    for name, correction in lights.items():
         say(f"lights by scene {name}: {corrections_in_words(correction)}", quiet=False)
 
 
@@ -296,19 +347,22 @@ def check_numbered(folders: Sequence[Path]) -> None:
         raise ItreeError(f"{wrong[0]}: among several scenes, each folder's name must be its number, such as 000001")
 
 
-def answer_table(answers: "Sequence[Detections]"):
-    """Parts found, best score and time of every scene."""
+def answer_table(images: "Sequence[dict[str, Any]]"):
+    """Parts found, best score and time of every scene of a results document."""
     from rich.table import Table
 
     table = Table("scene", "parts", "best score", "not recognised", "s")
-    for a in answers:
-        best = f"{a.by_score[0].score:.2f}" if len(a) else "-"
-        table.add_row(f"{a.scene_id:06d}", str(len(a)), best, str(len(a.not_recognised)), f"{a.time:.1f}")
+    for a in images:
+        best = f"{a['detections'][0]['score']:.2f}" if a["detections"] else "-"
+        found, lost = str(len(a["detections"])), str(len(a["not_recognised"]))
+        table.add_row(f"{a['scene_id']:06d}", found, best, lost, f"{a['time']:.1f}")
     return table
 
 
-def _report_folder(path: Path | None):
-    return nullcontext() if path is None else staged_folder(path)
+def _publish(kept: Path, folder: Path) -> None:
+    """Copies what is kept of the scenes, which may be on another disk, to where it was asked for."""
+    with staged_folder(folder) as stage:
+        shutil.copytree(kept, stage, dirs_exist_ok=True)
 
 
 def _write_model(models: Path, scene: "Scene", found: "Detections", fitting: "Sequence[Prepared]") -> None:

@@ -27,7 +27,7 @@ class Show:
     branches: bool = False
     """In the picture of --svg, draw every branch and attitude group, pruned ones too, instead."""
     quiet: bool = False
-    """Show nothing but errors (and JSON that was asked for)."""
+    """Show nothing but warnings and errors (and JSON that was asked for)."""
 
     def run(self) -> None:
         """Raises ItreeError when the file is no tree, or a file cannot be written."""

@@ -2,12 +2,14 @@
 
 import os
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from itree_kernels.errors import ItreeError
 
+from itree_jax.cli.numbers import check_object_number, check_seed
 from itree_jax.cli.outputs import check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
 from itree_jax.cli.terminal import progress, say
@@ -38,11 +40,15 @@ class Simulate:
     seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
     """Of the drops and the images; the same seed gives the same dataset."""
     quiet: bool = False
-    """Show nothing but errors."""
+    """Show nothing but warnings and errors."""
 
     def run(self) -> None:
         """Raises ItreeError about model, sensor, numbers or output, or when the physics engine is missing."""
         check_folder(self.output)
+        check_seed(self.seed)
+        check_object_number(self.obj_id)
+        if self.second_camera is not None and not (isfinite(self.second_camera) and self.second_camera != 0.0):
+            raise ItreeError(f"--second-camera must be a distance in mm other than 0, it is {self.second_camera}")
         if self.output.is_dir() and os.listdir(self.output):
             raise ItreeError(f"{self.output} is not empty; remove it or choose another folder")
         with progress(self.quiet) as tell:

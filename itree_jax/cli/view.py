@@ -29,7 +29,7 @@ class View:
     port: int = 8080
     """Port to serve at; if it is taken, the next free one."""
     quiet: bool = False
-    """Show nothing but errors (and the address)."""
+    """Show nothing but warnings and errors (and the address)."""
 
     def run(self) -> None:
         """Serves until it is interrupted. Raises ItreeError about the scene or a tree, or when viser is missing."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import as_numbers
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
@@ -24,11 +25,11 @@ class SymmetrySet:
 def symmetry_set(info: Mapping[str, Any]) -> SymmetrySet:
     """From one object's entry of BOP's models_info.json (`symmetries_discrete`, `symmetries_continuous`)."""
     discrete = [(np.eye(3), np.zeros(3))]
-    for values in info.get("symmetries_discrete", ()):
+    for values in _listed(info, "symmetries_discrete"):
         T = _matrix(values)
         discrete.append((T[:3, :3], T[:3, 3]))
     turns, axes = [(np.eye(3), np.zeros(3))], []
-    for entry in info.get("symmetries_continuous", ()):
+    for entry in _listed(info, "symmetries_continuous"):
         axis, offset = _axis(entry)
         axes.append(axis)
         turns += _steps(axis, offset)
@@ -43,18 +44,28 @@ def _steps(axis: Float[np.ndarray, "3"], offset: Float[np.ndarray, "3"]) -> list
     return [(r, offset - r @ offset) for r in R]
 
 
+def _listed(info: Mapping[str, Any], key: str) -> list[Any]:
+    listed = info.get(key, [])
+    if not isinstance(listed, list):
+        raise ItreeError(f"models_info.json: '{key}' must be a list, it is {listed!r:.60}.")
+    return listed
+
+
 def _matrix(values: Any) -> Float[np.ndarray, "4 4"]:
-    if np.size(values) != 16:
-        raise ItreeError(f"models_info.json: a discrete symmetry has {np.size(values)} numbers; 16 are needed (4x4).")
-    return np.reshape(np.asarray(values, float), (4, 4))
+    T = as_numbers(values, "models_info.json: a discrete symmetry")
+    if T.size != 16 or not np.isfinite(T).all():
+        raise ItreeError(f"models_info.json: a discrete symmetry has {T.size} numbers; 16 finite are needed (4x4).")
+    return T.reshape(4, 4)
 
 
 def _axis(entry: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     try:
-        axis, offset = np.asarray(entry["axis"], float), np.asarray(entry["offset"], float)
+        axis, offset = (as_numbers(entry[key], f"models_info.json: '{key}'") for key in ("axis", "offset"))
     except KeyError as missing:
         raise ItreeError(f"models_info.json: a continuous symmetry lacks {missing}.") from None
+    except TypeError:
+        raise ItreeError(f"models_info.json: a continuous symmetry is {entry!r:.60}, not an object.") from None
     length = np.linalg.norm(axis)
-    if axis.shape != (3,) or offset.shape != (3,) or not length > 0:
+    if axis.shape != (3,) or offset.shape != (3,) or not (length > 0 and np.isfinite([length, *offset]).all()):
         raise ItreeError("models_info.json: a continuous symmetry needs axis (not 0) and offset, 3 numbers each.")
     return axis / length, offset

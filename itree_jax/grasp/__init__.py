@@ -5,7 +5,7 @@
 | `Gripper`, `load_gripper` | a parallel jaw or a suction cup, from TOML |
 | `grasp_table`, `grasp_tables` | part + gripper -> candidates, offline |
 | `find_grasps` | world + candidates -> `Grasps`, best first, with the reason for every part that has none |
-| `write_grasps` | grasps of scenes -> JSON (`grasps.schema.json`) |
+| `grasps_to_json`, `grasps_document`, `write_grasps` | grasps of scenes -> JSON (`grasps.schema.json`) |
 """
 
 from itree_jax.grasp.candidate import Candidate as Candidate
@@ -17,4 +17,6 @@ from itree_jax.grasp.plan import Grasp as Grasp
 from itree_jax.grasp.plan import Grasps as Grasps
 from itree_jax.grasp.plan import find_grasps as find_grasps
 from itree_jax.grasp.plan import grasp_tables as grasp_tables
+from itree_jax.grasp.results import grasps_document as grasps_document
+from itree_jax.grasp.results import grasps_to_json as grasps_to_json
 from itree_jax.grasp.results import write_grasps as write_grasps

@@ -82,7 +82,7 @@ def gripper_from_toml(text: str, where: str) -> Gripper:
     """The gripper that `text` describes. `where` names it in errors."""
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # of syntax, or a number of thousands of digits
         raise ItreeError(f"{where}: this is not TOML ({error})") from error
     check_json(data, GRIPPER_SCHEMA, where)
     if ("jaw" in data) == ("cup" in data):

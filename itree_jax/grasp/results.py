@@ -19,8 +19,12 @@ def write_grasps(scenes: Iterable[tuple[Detections, Grasps]], path: str | Path) 
 
     Raises ItreeError when the file cannot be written.
     """
-    images = [grasps_to_json(answers, grasps) for answers, grasps in scenes]
-    write_json_document({"version": GRASPS_VERSION, "units": {"length": "mm"}, "images": images}, path)
+    write_json_document(grasps_document([grasps_to_json(answers, grasps) for answers, grasps in scenes]), path)
+
+
+def grasps_document(images: list[dict[str, Any]]) -> dict[str, Any]:
+    """What `write_grasps` writes, of what `grasps_to_json` made of each image."""
+    return {"version": GRASPS_VERSION, "units": {"length": "mm"}, "images": images}
 
 
 def grasps_to_json(answers: Detections, grasps: Grasps) -> dict[str, Any]:

@@ -65,8 +65,13 @@ def pooled_lights(
 def lights_document(found: dict[str, SelfCalibration]) -> dict[str, Any]:
     """The content of a file of corrected lights: by scene, and, where all scenes have one rig, "lights" as a sensor
     JSON holds them."""
-    document: dict[str, Any] = {"scenes": {name: corrections_to_json(one) for name, one in found.items()}}
-    pooled = pooled_lights(list(found.values()))
+    return joined_corrections({name: corrections_to_json(one) for name, one in found.items()}, list(found.values()))
+
+
+def joined_corrections(scenes: dict[str, Any], found: Sequence[SelfCalibration]) -> dict[str, Any]:
+    """`lights_document` of what `corrections_to_json` made of each scene, and the corrections in the same order."""
+    document: dict[str, Any] = {"scenes": scenes}
+    pooled = pooled_lights(found)
     if pooled is not None:
         document["lights"] = {"directions": pooled[0].tolist(), "intensities": pooled[1].tolist()}
     return document

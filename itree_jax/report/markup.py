@@ -4,8 +4,6 @@ Functions that end in HTML take HTML; plain strings go through `text` first.
 """
 
 import base64
-import os
-import tempfile
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -14,6 +12,7 @@ from typing import SupportsFloat
 import cv2
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import UInt8
 
 COLOURS, STYLE, FIGURES = (Path(__file__).with_name(name) for name in ("colours.css", "style.css", "figures.css"))
@@ -116,19 +115,14 @@ def page(title: str, body: str) -> str:
 
 
 def write_page(path: Path, title: str, body: str) -> None:
-    """Writes the whole page or nothing. Raises ItreeError when the folder cannot be written."""
-    write_whole(Path(path), page(title, body))
+    """Writes the whole page or nothing, its folder first. Raises ItreeError when it cannot be written."""
+    write_document(path, page(title, body))
 
 
-def write_whole(path: Path, content: str) -> None:
+def write_document(path: Path, content: str) -> None:
     """Writes a whole file or nothing, its folder first. Raises ItreeError when it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.parent, prefix=path.name, delete=False
-        ) as file:
-            file.write(content)
-        os.chmod(file.name, 0o644)
-        os.replace(file.name, path)
     except OSError as error:
-        raise ItreeError(f"{path}: cannot be written ({error})") from error
+        raise ItreeError(f"{path}: its folder cannot be made ({error.strerror})") from error
+    write_whole(path, content)

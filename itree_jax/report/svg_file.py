@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from itree_jax.report.markup import COLOURS, FIGURES, write_whole
+from itree_jax.report.markup import COLOURS, FIGURES, write_document
 from itree_jax.report.svg_tree import Figure, svg_tree
 from itree_jax.tree.tree import InterpretationTree
 
@@ -13,7 +13,7 @@ def write_svg_tree(path: Path, tree: InterpretationTree, figure: Figure = "inter
 
     Raises ItreeError when the file cannot be written.
     """
-    write_whole(Path(path), standalone(svg_tree(tree, figure=figure)))
+    write_document(Path(path), standalone(svg_tree(tree, figure=figure)))
 
 
 def standalone(svg: str) -> str:

@@ -1,6 +1,5 @@
 """Poses beside the truth, where it is known: how far each lies from the nearest true pose of its part."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from itree_cad.symmetry import Symmetries
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json_object
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
@@ -107,14 +107,14 @@ def true_poses(scene: Scene) -> list[TruePose] | None:
         return None
     info = path.with_name("scene_gt_info.json")
     try:
-        entries = json.loads(path.read_text(encoding="utf-8")).get(str(scene.im_id), [])
-        told = json.loads(info.read_text(encoding="utf-8")).get(str(scene.im_id), []) if info.is_file() else []
+        entries = read_json_object(path).get(str(scene.im_id), [])
+        told = read_json_object(info).get(str(scene.im_id), []) if info.is_file() else []
         visible = [float(one.get("visib_fract", 1.0)) for one in told] or [1.0] * len(entries)
         return [
             TruePose(int(e["obj_id"]), np.reshape(e["cam_R_m2c"], (3, 3)), np.reshape(e["cam_t_m2c"], 3), v)
             for e, v in zip(entries, visible, strict=True)
         ]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ItreeError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ItreeError(
             f"{path}: true poses as obj_id, cam_R_m2c and cam_t_m2c of each instance are expected, and in "
             f"scene_gt_info.json a visib_fract of each ({error!r}). Correct the file, or take it away."

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
 from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.material import PBRMaterial
@@ -32,10 +32,7 @@ def write_world(world: World, folder: Path, stem: str) -> list[Path]:
     solid = [b for b in bodies if b.kind in OPACITY]
     files = {folder / f"{stem}.glb": glb_scene(solid, world.up_cam), folder / f"{stem}.ply": one_mesh(solid)}
     for path, content in files.items():
-        try:
-            content.export(path)
-        except OSError as error:
-            raise ItreeError(f"{path}: cannot be written ({error})") from error
+        write_whole(path, content.export(file_type=path.suffix[1:]))
     return list(files)
 
 

@@ -1,17 +1,17 @@
 """Images from a camera -> a scene: checked against the sensor that took them, one image for each of its lights."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import as_numbers, read_json_object
 from jaxtyping import Float
 
 from itree_jax.sensing.ambient import subtract_ambient
 from itree_jax.sensing.exposure import check_different, check_exposure
-from itree_jax.sensing.image_file import read_image, read_intensity, undistorted
+from itree_jax.sensing.image_file import read_image, read_intensity, undistorted, warn_of_gamma
 from itree_jax.sensing.light_order import light_order
 from itree_jax.sensing.scene_folder import Scene
 from itree_jax.sensing.scene_writer import DEPTH_SCALE
@@ -58,6 +58,7 @@ def capture(
             "light, in the order of the sensor's lights"
         )
     names = [str(path) for path in paths]
+    warn_of_gamma(Path(paths[0]), sensor.bit_depth, sensor.gamma)
     taken = np.stack([_intensity(path, sensor) for path in paths])
     warnings = check_exposure(taken, np.asarray(sensor.light_intensities), sensor.noise, names)
     images = taken
@@ -151,9 +152,9 @@ def second_camera(left: Captured, right: Captured, right_from_left: Pose) -> Cap
 def read_pose(path: Path) -> Pose:
     """A pose from JSON: {"R": [9 numbers, row by row], "t": [3, mm]}. Raises ItreeError."""
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        R, t = (np.array(data[key], dtype=np.float64).ravel() for key in ("R", "t"))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        data = read_json_object(path)
+        R, t = (as_numbers(data.get(key), f"'{key}'").ravel() for key in ("R", "t"))
+    except ItreeError as error:
         raise ItreeError(f'{path}: a pose is JSON like {{"R": [9 numbers], "t": [3 numbers, mm]}} ({error})') from error
     if R.shape != (9,) or t.shape != (3,) or not (np.isfinite(R).all() and np.isfinite(t).all()):
         raise ItreeError(f"{path}: 'R' must be 9 and 't' 3 finite numbers, they are {R.size} and {t.size}")

@@ -21,6 +21,9 @@ OFF_SHARE = 0.1  # of the other images' brightness, each over its light's intens
 LIT_SHARE = 0.2  # of the bright percentile: a dark bin, which is most of many images, is not counted
 MOST_SATURATED = 0.25  # of the lit pixels: whole faces are lost, those that face a light best
 SOME_SATURATED = 0.01  # highlights of glossy parts take less
+DARK_SIGMAS = 5.0  # of the noise of a dark pixel: one pixel in three millions is beyond by chance
+HOT_PIXELS = 1e-5  # of all pixels: those of a sensor that are bright without light
+MOST_WHITE = 0.5  # of all pixels: no part and no bin is left to be seen
 FLICKER = 0.01  # lamps and exposures repeat to 1 %
 LEAST_DIFFERENT = 0.005  # of the lit pixels: two lights differ at every edge, by their shadows alone
 
@@ -82,15 +85,39 @@ def _check_saturation(
     return warnings
 
 
+def check_light(images: Float[np.ndarray, "lights height width"], noise: Noise, names: Sequence[str]) -> None:
+    """Raises `ItreeError` if an image (linear, 1.0 = full scale) has no light at all, has nothing but too much of it,
+    or is another one once more: what no scene looks like, and needles cannot be made of."""
+    dark = DARK_SIGMAS * float(intensity_std(np.zeros(()), noise))
+    for k, image in enumerate(images):
+        if not (image > dark).mean() > HOT_PIXELS:
+            raise ItreeError(
+                f"{names[k]} (light {k}) is black: no pixel is brighter than noise, {dark:.5f} of full scale. Was lamp "
+                f"{k} on?"
+            )
+        share = float((image >= saturation_level(noise)).mean())
+        if share > MOST_WHITE:
+            raise ItreeError(
+                f"{names[k]} (light {k}) is overexposed: {100 * share:.0f} % of its pixels are saturated; expose less."
+            )
+    for i, j in combinations(range(len(images)), 2):
+        if np.array_equal(images[i], images[j]):
+            raise _same_image(i, j, names)
+
+
+def _same_image(i: int, j: int, names: Sequence[str]) -> ItreeError:
+    return ItreeError(
+        f"{names[i]} and {names[j]} (lights {i} and {j}) are the same image; give one image for each light"
+    )
+
+
 def check_different(
     images: Float[np.ndarray, "lights height width"], noise: Noise, names: Sequence[str]
 ) -> None:
     """Raises `ItreeError` if two images are the same file, or show the same lamp (one may be exposed longer)."""
     for i, j in combinations(range(len(images)), 2):
         if np.array_equal(images[i], images[j]):
-            raise ItreeError(
-                f"{names[i]} and {names[j]} (lights {i} and {j}) are the same image; give one image for each light"
-            )
+            raise _same_image(i, j, names)
         share = differing_share(images[i], images[j], noise)
         if share < LEAST_DIFFERENT:
             raise ItreeError(

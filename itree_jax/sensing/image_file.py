@@ -1,27 +1,42 @@
 """Images on disk -> linear float intensity, and back."""
 
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 from itree_kernels.camera import Camera
-from itree_kernels.errors import ItreeError
+from itree_kernels.errors import ItreeError, ItreeWarning
+from itree_kernels.npy_file import parse_npy
 from jaxtyping import Float, Num, UInt
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
+BRIGHTEST_FLOAT = 2.0  # of full scale: what a lens correction may make of 1.0; counts of a converter are far beyond
 
 
 def decoded(path: Path) -> Num[np.ndarray, "..."]:
     """What the file holds, colour in OpenCV's order (blue first). Raises `ItreeError` if it cannot be read."""
+    image = _decoded(path)
+    if image.size == 0:
+        raise ItreeError(f"{path}: the image has no pixel, its shape is {image.shape}")
+    return image
+
+
+def _decoded(path: Path) -> Num[np.ndarray, "..."]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ItreeError(f"{path}: the image cannot be read ({error.strerror})") from error
+    if not content:
+        raise ItreeError(f"{path}: the image file is empty; was it written to its end?")
     try:
         if path.suffix == ".npy":
-            image = np.load(path, allow_pickle=False)
-        else:
-            image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except (OSError, ValueError, cv2.error) as error:
+            return parse_npy(content, str(path))
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
         raise ItreeError(f"{path}: the image cannot be read ({error})") from error
     if image is None:
-        raise ItreeError(f"{path}: not an image, or a kind that is not understood; use 8- or 16-bit PNG")
+        raise ItreeError(f"{path}: not an image, cut short, or a kind that is not understood; use 8- or 16-bit PNG")
     return image
 
 
@@ -59,6 +74,12 @@ def linear(
     """Stored values -> linear float32 intensity, as `read_intensity` says; `path` is for its errors."""
     if image.dtype.kind == "f":
         intensity = image.astype(np.float64)
+        highest = np.abs(intensity, where=np.isfinite(intensity), out=np.zeros(image.shape)).max(initial=0.0)
+        if highest > BRIGHTEST_FLOAT:
+            raise ItreeError(
+                f"{path}: values go up to {highest:.4g}, but 1.0 is full scale of an image in floats; divide it by the "
+                "camera's full scale"
+            )
     elif image.dtype in (np.uint8, np.uint16):
         full_scale = 2 ** (bit_depth or 8 * image.dtype.itemsize) - 1
         if image.max(initial=0) > full_scale:
@@ -71,6 +92,18 @@ def linear(
     if gamma != 1.0:
         intensity = np.maximum(intensity, 0.0) ** gamma
     return intensity.astype(np.float32)
+
+
+def warn_of_gamma(path: Path, bit_depth: int | None, gamma: float) -> None:
+    """An `ItreeWarning` if an image is stored in 8 bits and the sensor says nothing of its response."""
+    if gamma == 1.0 and bit_depth is None and decoded(path).dtype == np.uint8:
+        warnings.warn(
+            f"{path.parent}: the images are stored in 8 bits, as cameras store gamma-coded ones, and are taken as "
+            "linear. Gamma bends every normal: take linear images of 10 bits or more, or say in the sensor JSON what "
+            'these are: "bit_depth": 8 if linear, else "response": {"gamma": 2.2}.',
+            ItreeWarning,
+            stacklevel=3,
+        )
 
 
 def undistorted(

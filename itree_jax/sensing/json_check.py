@@ -41,6 +41,13 @@ def _is_type(value: Any, type_name: str) -> bool:
     return isinstance(value, _TYPES[type_name]) and not isinstance(value, bool)
 
 
+def _is_finite(value: int | float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond what a float holds
+        return False
+
+
 def _check_any(value: Any, alternatives: list[Mapping[str, Any]], where: str, key: str) -> None:
     for schema in alternatives:
         if _is_type(value, schema["type"]):
@@ -78,8 +85,8 @@ def _check_number(value: int | float, schema: Mapping[str, Any], where: str, key
         ("exclusiveMinimum", "more than", lambda bound: value > bound),
         ("exclusiveMaximum", "less than", lambda bound: value < bound),
     )
-    if not math.isfinite(value):
-        raise ItreeError(f"{where}: {_name(key)} must be a finite number, it is {value}")
+    if not _is_finite(value):
+        raise ItreeError(f"{where}: {_name(key)} must be a finite number, it is {value!s:.40}")
     for word, phrase, holds in bounds:
         if word in schema and not holds(schema[word]):
             raise ItreeError(f"{where}: {_name(key)} must be {phrase} {schema[word]}, it is {value}")

@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json
 from jaxtyping import Float
 
 from itree_jax.sensing.bundled import SMALLEST_REGION
 from itree_jax.sensing.json_check import check_json
 from itree_jax.sensing.lights import Lights, checked_lights, lights_of_entry, slant_limit_of
 from itree_jax.sensing.reaching import DEFAULT_SLANT_LIMIT
-from itree_jax.sensing.sensor_file import SENSOR_SCHEMA, exposure_of, load_sensor, read_json
+from itree_jax.sensing.sensor_file import SENSOR_SCHEMA, exposed, load_sensor
 from itree_jax.sensor import Noise, Sensor
 
 DIRECTIONS, INTENSITIES = "light_directions.txt", "light_intensities.txt"
@@ -83,7 +84,7 @@ def _lights_object(path: Path) -> Lights | None:
         return None
     check_json(data, SENSOR_SCHEMA["properties"]["lights"], str(path))
     lights = lights_of_entry(data, None, str(path))
-    return lights._replace(intensities=lights.intensities * exposure_of(data, len(lights.directions), str(path)))
+    return lights._replace(intensities=exposed(lights, data, str(path)))
 
 
 def _text_files(folder: Path) -> LightSource:

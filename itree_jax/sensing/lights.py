@@ -5,10 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import as_numbers
 from jaxtyping import Float
 
 UNIT_TOLERANCE = 1e-3  # a direction printed with four digits is unit to this
 MAX_CONDITION = 100.0  # beyond, 1 % of error in an intensity could turn a normal anywhere: no three lights in space
+MAX_RATIO = 1000.0  # of intensities: the weakest light is then lost in the 10 bits of the strongest
+FARTHEST = 1e6  # [mm] of a near light: beyond a kilometre it is distant, or in another unit
+STRONGEST = 1e6  # of intensities, or its inverse: single precision keeps what is made of them
 SLANT_GUARD = np.radians(13.0)  # see `slant_limit_of`
 
 
@@ -42,6 +46,8 @@ def lights_of_entry(entry: Mapping[str, Any], working_distance: float | None, wh
         )
     positions, _ = _as_arrays(entry["positions_mm"], entry.get("intensities"), f"{where}: 'positions_mm'")
     for i, position in enumerate(positions):
+        if not np.abs(position).max() < FARTHEST:
+            raise ItreeError(f"{where}: 'positions_mm'[{i}] is {position.tolist()}, no place near the scene in mm")
         if not np.linalg.norm(position - axis_point(working_distance)) > 0.0:
             raise ItreeError(f"{where}: 'positions_mm'[{i}] must be a point [x, y, z] other than where the parts lie")
     directions = directions_on_axis(positions, working_distance)
@@ -84,22 +90,32 @@ def checked_lights(directions: object, intensities: object, where: str) -> tuple
             f"{where}: the light directions lie in one plane or coincide (condition number {condition:.3g}, at most "
             f"{MAX_CONDITION:.0f}); photometric stereo needs three lights that span space"
         )
-    for i, value in enumerate(e):
-        if not (np.isfinite(value) and value > 0.0):
-            raise ItreeError(f"{where}: the intensity of light {i} must be positive, it is {value:.6g}")
+    check_intensities(e, where)
     return L / norms[:, None], e
 
 
+def check_intensities(intensities: Float[np.ndarray, "lights"], where: str) -> None:
+    """Raises `ItreeError` unless all are positive and finite, and of one order: images would differ as much."""
+    for i, value in enumerate(intensities):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ItreeError(f"{where}: the intensity of light {i} must be positive, it is {value:.6g}")
+    low, high = float(np.min(intensities, initial=np.inf)), float(np.max(intensities, initial=0.0))
+    if len(intensities) and not 1.0 / STRONGEST < high < STRONGEST:
+        raise ItreeError(f"{where}: the strongest light's intensity is {high:.3g}; intensities are relative, near 1")
+    if high > MAX_RATIO * low:
+        raise ItreeError(
+            f"{where}: the lights' intensities go from {low:.3g} to {high:.3g}, exposure included; beyond a ratio of "
+            f"{MAX_RATIO:.0f} no camera sees them all"
+        )
+
+
 def _as_arrays(directions: object, intensities: object, where: str) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        L = np.asarray(directions, dtype=np.float64)
-        e = np.ones(len(L)) if intensities is None else np.asarray(intensities, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ItreeError(f"{where}: light directions and intensities must be numbers ({error})") from error
+    L = as_numbers(directions, f"{where}: light directions")
     if L.ndim != 2 or L.shape[1] != 3:
         raise ItreeError(f"{where}: light directions must be a list of [x, y, z], their shape is {L.shape}")
     if len(L) < 3:
         raise ItreeError(f"{where}: photometric stereo needs three or more lights, there are {len(L)}")
+    e = np.ones(len(L)) if intensities is None else as_numbers(intensities, f"{where}: light intensities")
     if e.shape != (len(L),):
         raise ItreeError(f"{where}: there are {len(L)} light directions but intensities of shape {e.shape}")
     return L, e

@@ -1,8 +1,10 @@
 """A needle map as files that other programs read."""
 
+import io
 from pathlib import Path
 
 import numpy as np
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Bool, Float, UInt16
 
 from itree_jax.sensing.image_file import png_bytes
@@ -25,11 +27,16 @@ def write_needle_map(
     """
     there = np.asarray(needle.interpretable) & mask
     normals = _where(there[..., None], needle.normals)
-    np.save(folder / "normals.npy", normals / np.linalg.norm(normals, axis=-1, keepdims=True))
-    np.save(folder / "albedo.npy", _where(there, needle.albedo))
-    np.save(folder / "uncertainty.npy", _where(there, uncertainty(needle)))
-    (folder / "mask.png").write_bytes(png_bytes(np.where(there, 255, 0).astype(np.uint8)))
-    (folder / "normals.png").write_bytes(png_bytes(encoded_normals(normals)))
+    unit = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    files = {
+        "normals.npy": _npy_bytes(unit),
+        "albedo.npy": _npy_bytes(_where(there, needle.albedo)),
+        "uncertainty.npy": _npy_bytes(_where(there, uncertainty(needle))),
+        "mask.png": png_bytes(np.where(there, 255, 0).astype(np.uint8)),
+        "normals.png": png_bytes(encoded_normals(normals)),
+    }
+    for name, content in files.items():
+        write_whole(folder / name, content)
     return there
 
 
@@ -49,6 +56,12 @@ def decoded_normals(encoded: UInt16[np.ndarray, "height width 3"]) -> Float[np.n
     normals = encoded / FULL_SCALE * 2.0 - 1.0
     normals[(encoded == 0).all(-1)] = np.nan
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def _npy_bytes(values: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    np.save(out, values)
+    return out.getvalue()
 
 
 def _where(there: np.ndarray, values: object) -> np.ndarray:

@@ -8,7 +8,8 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
 from itree_jax.sensing.ambient import subtract_ambient
-from itree_jax.sensing.image_file import undistorted
+from itree_jax.sensing.exposure import check_light
+from itree_jax.sensing.image_file import undistorted, warn_of_gamma
 from itree_jax.sensing.light_source import LightSource, light_source, with_lights
 from itree_jax.sensing.photographs import (
     Channel,
@@ -55,6 +56,7 @@ def load_needle_input(
     bit_depth = None if source.sensor is None else source.sensor.bit_depth
     gamma = 1.0 if source.sensor is None else source.sensor.gamma
     stored = read_photographs(photographs, channel, bit_depth, gamma, colours)
+    warn_of_gamma(photographs.images[0], bit_depth, gamma)
     height, width = stored.shape[1:]
     sensor = source.sensor_for(width, height)
     _check_size(images, stored, sensor)
@@ -63,6 +65,7 @@ def load_needle_input(
         mask = read_mask(photographs.mask, (height, width))
     elif sensor.region_of_interest is not None:
         mask = sensor.region_of_interest
+    check_light(stored, sensor.noise, photographs.names)
     if ambient is not None:
         each = [None] * len(stored) if colours is None else list(colours)
         dark = np.stack([read_photograph(ambient, channel, bit_depth, gamma, colour) for colour in each])

@@ -3,7 +3,6 @@
 Without `lit/` and scene_lights.json it is what a depth camera saw: `depth/` alone.
 """
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,15 @@ from typing import Any
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import as_numbers, read_json
 from jaxtyping import Float
 
 from itree_jax.sensing.bundled import SMALLEST_REGION
+from itree_jax.sensing.camera_check import check_camera, check_distances
 from itree_jax.sensing.depth_camera import depth_camera
 from itree_jax.sensing.depth_steps import depth_noise
-from itree_jax.sensing.image_file import IMAGE_SUFFIXES, read_image, read_intensity, undistorted
+from itree_jax.sensing.exposure import check_light
+from itree_jax.sensing.image_file import IMAGE_SUFFIXES, read_image, read_intensity, undistorted, warn_of_gamma
 from itree_jax.sensing.lights import NO_LIGHTS, Lights, lights_of_entry, slant_limit_of
 from itree_jax.sensor import Noise, Sensor
 
@@ -71,10 +73,14 @@ def load_scene(
         )
     nothing = np.zeros((0, own.camera.height, own.camera.width), np.float32)
     images = np.stack([_load_image(path, own) for path in paths]) if paths else nothing
+    if paths:
+        warn_of_gamma(paths[0], own.bit_depth, own.gamma)
+        check_light(images, own.noise, [str(path) for path in paths])
     R_w2c, t_w2c = _camera_pose(folder, im_id)
     depth = _load_depth(folder, im_id)
     if depth is not None:
         _check_size(folder / "depth", depth, own.camera)
+        _check_depth(folder, depth, own)
         depth = undistorted(depth, own.camera, own.distortion, nearest=True)
     scene_id = int(folder.name) if folder.name.isdecimal() else 0
     return Scene(scene_id, im_id, images, depth, own, R_w2c, folder, t_w2c)
@@ -108,6 +114,12 @@ def sensor_of_scene(folder: str | Path, im_id: int = 0) -> Sensor:
 def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
     lights = _lights(folder, im_id, sensor.working_distance)
     camera = _camera(folder, im_id)
+    told = _distance_by_pose(folder, im_id)
+    if told is not None and not camera.is_orthographic:
+        where = f"{folder / 'scene_camera.json'}: the distance of the world's z = 0 by 'cam_t_w2c'"
+        check_distances(told, sensor.working_distance, f"{where} beside the sensor's working distance")
+    seen = [c.width * c.mm_per_px(sensor.working_distance) for c in (camera, sensor.camera)]
+    check_distances(*seen, f"{folder}: the field of view by 'cam_K' beside that of the sensor")
     size, sensor_size = (camera.width, camera.height), (sensor.camera.width, sensor.camera.height)
     if sensor.region_of_interest is not None and size != sensor_size:
         raise ItreeError(f"{folder}: images are {size} px, the sensor's region of interest is for {sensor_size} px")
@@ -132,6 +144,16 @@ def _check_size(path: Path, image: np.ndarray, camera: Camera) -> None:
         raise ItreeError(f"{path}: the image is {size} px, the first lit image is {camera.width} x {camera.height} px")
 
 
+def _check_depth(folder: Path, depth: Float[np.ndarray, "height width"], sensor: Sensor) -> None:
+    """Raises ItreeError if a depth map tells nothing, or cannot be in mm."""
+    known = depth[depth > 0.0]
+    if not known.size:
+        raise ItreeError(f"{folder / 'depth'}: the depth map has no depth (all values are 0); take it away")
+    if not sensor.camera.is_orthographic:  # whose working distance is a label
+        told = f"{folder}: the depth map's median beside the sensor's working distance (check 'depth_scale')"
+        check_distances(float(np.median(known)), sensor.working_distance, told)
+
+
 def _image_paths(folder: Path, im_id: int) -> list[Path]:
     lit = folder / "lit"
     paths = sorted(p for p in lit.glob(f"{im_id:06d}_*") if p.suffix in IMAGE_SUFFIXES)
@@ -148,10 +170,7 @@ def _image_paths(folder: Path, im_id: int) -> list[Path]:
 
 def _read_entry(folder: Path, name: str, im_id: int) -> dict[str, Any]:
     path = folder / name
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
+    data = read_json(path)
     entry = data.get(str(im_id)) if isinstance(data, dict) else None
     if not isinstance(entry, dict):
         raise ItreeError(f"{path}: the key '{im_id}' (camera image {im_id}) is missing")
@@ -159,10 +178,7 @@ def _read_entry(folder: Path, name: str, im_id: int) -> dict[str, Any]:
 
 
 def _numbers(path: Path, entry: dict[str, Any], key: str, count: int) -> np.ndarray:
-    try:
-        values = np.asarray(entry[key], dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError) as error:
-        raise ItreeError(f"{path}: '{key}' must be {count} numbers ({error})") from error
+    values = as_numbers(entry[key], f"{path}: '{key}'").reshape(-1)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ItreeError(f"{path}: '{key}' must be {count} finite numbers, it is {entry[key]!r:.80}")
     return values
@@ -183,7 +199,9 @@ def _camera(folder: Path, im_id: int) -> Camera:
         raise ItreeError(f"{path}: 'cam_kind' must be pinhole or orthographic, it is {kind!r}")
     first = _depth_path(folder, im_id) if _is_of_depth_camera(folder, im_id) else _image_paths(folder, im_id)[0]
     height, width = read_image(first).shape
-    return Camera(kind, K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item(), width, height)
+    camera = Camera(kind, K[0, 0].item(), K[1, 1].item(), K[0, 2].item(), K[1, 2].item(), width, height)
+    check_camera(camera, f"{path}: 'cam_K'")
+    return camera
 
 
 def _is_of_depth_camera(folder: Path, im_id: int) -> bool:
@@ -235,12 +253,19 @@ def _depth_scale(folder: Path, im_id: int) -> float:
     return float(scale)
 
 
-def _working_distance(folder: Path, im_id: int) -> float:
+def _distance_by_pose(folder: Path, im_id: int) -> float | None:
+    """Where the optical axis meets the world's plane z = 0 [mm]; None where it does not, or no pose is told."""
     R_w2c, t_w2c = _camera_pose(folder, im_id)
-    if R_w2c is not None and t_w2c is not None and abs(R_w2c[2, 2]) > 1e-3:
-        distance = float(R_w2c[:, 2] @ t_w2c / R_w2c[2, 2])  # z_world of (0, 0, distance) is 0
-        if distance > 0.0:
-            return distance
+    if R_w2c is None or t_w2c is None or abs(R_w2c[2, 2]) <= 1e-3:
+        return None
+    distance = float(R_w2c[:, 2] @ t_w2c / R_w2c[2, 2])  # z_world of (0, 0, distance) is 0
+    return distance if distance > 0.0 else None
+
+
+def _working_distance(folder: Path, im_id: int) -> float:
+    told = _distance_by_pose(folder, im_id)
+    if told is not None:
+        return told
     depth = _load_depth(folder, im_id)
     if depth is not None and (depth > 0).any():
         return float(np.median(depth[depth > 0]))

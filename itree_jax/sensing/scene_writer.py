@@ -1,8 +1,6 @@
 """`Scene` and its true poses -> a scene folder in the BOP layout with the lights beside it."""
 
 import json
-import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import whole_folder
 from jaxtyping import Float
 
 from itree_jax.sensing.image_file import png_bytes
@@ -58,26 +57,11 @@ def write_scene(
     if folder.exists() and not overwrite:
         raise ItreeError(f"{folder}: exists already; remove it or choose another output folder")
     contents = _contents(scene, truth, depth_scale) if right is None else _both(scene, right, truth, depth_scale)
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
-    try:
+    with whole_folder(folder) as stage:
         for name, content in contents.items():
-            path = temporary / name
+            path = stage / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        _put_in_place(temporary, folder)
-    except OSError as error:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise ItreeError(f"{folder}: the scene cannot be written ({error})") from error
-
-
-def _put_in_place(temporary: Path, folder: Path) -> None:
-    if folder.exists():
-        old = temporary.with_suffix(".old")
-        os.replace(folder, old)
-        os.replace(temporary, folder)
-        shutil.rmtree(old)
-    else:
-        os.replace(temporary, folder)
 
 
 def _both(scene: Scene, right: Scene, truth: Sequence[TrueObject] | None, depth_scale: float) -> dict[str, bytes]:

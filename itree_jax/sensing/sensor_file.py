@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -11,13 +10,16 @@ from typing import Any
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
-from jaxtyping import Bool
+from itree_kernels.json_file import read_json
+from itree_kernels.whole_files import write_whole
+from jaxtyping import Bool, Float
 
 from itree_jax.sensing.bundled import SLANT_LIMIT, SMALLEST_REGION, bundled_sensor
+from itree_jax.sensing.camera_check import check_camera
 from itree_jax.sensing.depth_camera import depth_camera, depth_noise_of
 from itree_jax.sensing.image_file import png_bytes, read_image
 from itree_jax.sensing.json_check import check_json
-from itree_jax.sensing.lights import NO_LIGHTS, lights_of_entry
+from itree_jax.sensing.lights import NO_LIGHTS, Lights, check_intensities, lights_of_entry
 from itree_jax.sensing.scene_folder import scene_folders, sensor_of_scene
 from itree_jax.sensing.scene_writer import lights_entry
 from itree_jax.sensor import Noise, Sensor
@@ -74,7 +76,7 @@ def sensor_from_json(data: Any, where: str, folder: Path | None = None) -> Senso
     sensor = Sensor(
         camera=camera,
         light_directions=lights.directions,
-        light_intensities=lights.intensities * exposure_of(data.get("lights", {}), len(lights.directions), where),
+        light_intensities=exposed(lights, data.get("lights", {}), where),
         light_positions=lights.positions,
         noise=Noise(**data.get("noise", {})),
         slant_limit=float(np.radians(data.get("slant_limit_deg", np.degrees(SLANT_LIMIT)))),
@@ -116,8 +118,8 @@ def save_sensor(sensor: Sensor, path: str | Path) -> None:
         data["region_of_interest"] = _rectangle(sensor.region_of_interest) or f"{path.stem}.mask.png"
         if isinstance(data["region_of_interest"], str):
             mask = sensor.region_of_interest.astype(np.uint8) * 255
-            replace_file(path.with_name(data["region_of_interest"]), png_bytes(mask))
-    replace_file(path, (json.dumps(data, indent=2) + "\n").encode())
+            write_whole(path.with_name(data["region_of_interest"]), png_bytes(mask))
+    write_whole(path, json.dumps(data, indent=2) + "\n")
 
 
 def fingerprint(sensor: Sensor) -> str:
@@ -137,14 +139,6 @@ def fingerprint(sensor: Sensor) -> str:
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def read_json(path: Path) -> Any:
-    """What a JSON file holds. Raises `ItreeError` if it cannot be read."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
-
-
 def _camera(data: dict[str, Any], where: str) -> Camera:
     if "matrix" in data:
         K = np.array(data["matrix"], dtype=np.float64)
@@ -159,7 +153,9 @@ def _camera(data: dict[str, Any], where: str) -> Camera:
             if name not in data:
                 raise ItreeError(f"{where}: 'camera' needs either 'matrix' or fx, fy, cx, cy; '{name}' is missing")
         fx, fy, cx, cy = (data[name] for name in ("fx", "fy", "cx", "cy"))
-    return Camera(data["kind"], float(fx), float(fy), float(cx), float(cy), *data["size"])
+    camera = Camera(data["kind"], float(fx), float(fy), float(cx), float(cy), *data["size"])
+    check_camera(camera, f"{where}: 'camera'")
+    return camera
 
 
 def _distortion(data: dict[str, Any], camera: Camera, where: str) -> tuple[float, ...]:
@@ -171,11 +167,15 @@ def _distortion(data: dict[str, Any], camera: Camera, where: str) -> tuple[float
     return values
 
 
-def exposure_of(lights: dict[str, Any], count: int, where: str) -> np.ndarray:
-    exposure = np.asarray(lights.get("exposure", 1.0), dtype=np.float64)
+def exposed(lights: Lights, told: dict[str, Any], where: str) -> Float[np.ndarray, "lights"]:
+    """Intensities times the exposure of each light's image."""
+    exposure, count = np.asarray(told.get("exposure", 1.0), dtype=np.float64), len(lights.directions)
     if exposure.shape not in ((), (count,)):
         raise ItreeError(f"{where}: 'lights.exposure' has {exposure.size} values for {count} lights")
-    return exposure
+    with np.errstate(over="ignore", under="ignore"):
+        intensities = lights.intensities * exposure
+    check_intensities(intensities, f"{where}: lights")
+    return intensities
 
 
 def _region_of_interest(
@@ -205,14 +205,3 @@ def _rectangle(mask: Bool[np.ndarray, "height width"]) -> list[int] | None:
     y, x = int(rows[0]), int(columns[0])
     h, w = int(rows[-1]) - y + 1, int(columns[-1]) - x + 1
     return [x, y, w, h] if mask.sum() == w * h else None
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise ItreeError(f"{path}: cannot be written ({error})") from error

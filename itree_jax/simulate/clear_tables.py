@@ -7,6 +7,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from itree_kernels.whole_files import write_whole
+
 from itree_jax.results import write_json_document
 from itree_jax.simulate.clear import MISSED, NOTHING, REMOVED, WRONG, ClearedBin
 
@@ -53,4 +55,4 @@ def write_tables(bins: Sequence[ClearedBin], gripper: str, part_names: Sequence[
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows([*(row(k, cleared) for k, cleared in enumerate(bins, start=1)), total(bins)])
-    (folder / "cleared.csv").write_text(text.getvalue(), encoding="utf-8")
+    write_whole(folder / "cleared.csv", text.getvalue())

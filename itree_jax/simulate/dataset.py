@@ -10,6 +10,8 @@ import trimesh
 from itree_cad.part import Part
 from itree_cad.symmetry import symmetries
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json_object
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
 
 from itree_jax.sensing.scene_writer import write_scene
@@ -92,9 +94,9 @@ def write_model(part: Part, obj_id: int, folder: Path) -> None:
     """Adds a part's mesh and its entry of models_info.json to a data set's folder of models."""
     folder.mkdir(parents=True, exist_ok=True)
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
-    mesh.export(folder / f"obj_{obj_id:06d}.ply")
+    write_whole(folder / f"obj_{obj_id:06d}.ply", mesh.export(file_type="ply"))
     path = folder / "models_info.json"
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    known = read_json_object(path) if path.is_file() else {}
     _write_json(path, known | {str(obj_id): model_info(part)})
 
 
@@ -115,4 +117,4 @@ def model_info(part: Part) -> dict[str, Any]:
 
 
 def _write_json(path: Path, data: dict[str, Any]) -> None:
-    path.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(data, indent=1) + "\n")

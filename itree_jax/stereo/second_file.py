@@ -1,8 +1,7 @@
 """The second camera of a scene folder: `scene_stereo.json` says which image is its."""
 
-import json
-
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json
 
 from itree_jax.sensing.scene_folder import Scene, load_scene
 from itree_jax.sensor import Sensor
@@ -17,13 +16,13 @@ def load_second(scene: Scene, sensor: Sensor | None = None) -> SecondCamera | No
     if scene.folder is None or not (path := scene.folder / "scene_stereo.json").is_file():
         return None
     try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
+        entries = read_json(path)
         if isinstance(entries, dict) and str(scene.im_id) not in entries:
             return None
         number = entries[str(scene.im_id)]["right"]
         if type(number) is not int:
             raise ValueError(f"'right' is {number!r}")
-    except (OSError, KeyError, TypeError, ValueError) as error:  # malformed JSON is a ValueError
+    except (ItreeError, KeyError, TypeError, ValueError) as error:
         raise ItreeError(
             f'{path}: should be {{"{scene.im_id}": {{"right": N}}}}, N the image of the second camera ({error!r})'
         ) from error

@@ -10,8 +10,6 @@ The same tree gives the same bytes.
 import hashlib
 import io
 import json
-import os
-import tempfile
 import zipfile
 import zlib
 from importlib.metadata import PackageNotFoundError, version
@@ -20,6 +18,8 @@ from typing import Any
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.npy_file import parse_npy
+from itree_kernels.whole_files import write_whole
 
 from itree_jax.sensing.sensor_file import sensor_to_json
 from itree_jax.tree.packing import Arrays, pack, unpack
@@ -35,13 +35,12 @@ AGAIN = "Compile the part again (itree compile), or fetch the file again."
 
 def save_tree(tree: InterpretationTree, path: str | Path) -> None:
     """Writes the tree, whole or not at all. Raises ItreeError when the file cannot be written."""
-    path = Path(path)
     arrays: Arrays = {}
     content = pack(tree, arrays)
     stored = {name: _npy_bytes(array) for name, array in sorted(arrays.items())}
     header = _json_bytes(_header(tree, content, stored))
     members = {HEADER: header, HEADER_SUM: _sha256(header).encode()}
-    _replace(path, _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()}))
+    write_whole(path, _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()}))
 
 
 def load_tree(path: str | Path) -> InterpretationTree:
@@ -83,7 +82,7 @@ def _header(tree: InterpretationTree, content: Any, stored: dict[str, bytes]) ->
 def _checked_header(path: Path, members: dict[str, bytes]) -> dict[str, Any]:
     try:
         header = json.loads(members[HEADER])
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, RecursionError):
         header = None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ItreeError(f"{path} is not a tree file: it has no header of one. {AGAIN}")
@@ -99,6 +98,8 @@ def _checked_header(path: Path, members: dict[str, bytes]) -> dict[str, Any]:
         raise ItreeError(f"{path}: the header was changed after it was written (checksum). {AGAIN}")
     if not isinstance(header.get("sha256"), dict):
         raise ItreeError(f"{path}: the header lacks the checksums of the arrays. {AGAIN}")
+    if "tree" not in header:
+        raise ItreeError(f"{path}: the header lacks the tree. {AGAIN}")
     return header
 
 
@@ -109,8 +110,8 @@ def _checked_array(path: Path, members: dict[str, bytes], name: str, digest: str
     if _sha256(data) != digest:
         raise ItreeError(f"{path}: the array {name} was changed after it was written (checksum). {AGAIN}")
     try:
-        return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError) as error:
+        return parse_npy(data, f"{name}.npy")
+    except ItreeError as error:
         raise ItreeError(f"{path}: {name}.npy is not an array ({error}). {AGAIN}") from error
 
 
@@ -162,21 +163,3 @@ def _producer_version() -> str:
         return version("itree-jax")
     except PackageNotFoundError:  # run from a checkout that is not installed
         return "(not installed)"
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """A reader sees the old file or the new one, never half of one."""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise ItreeError(f"{path}: cannot be written ({error})") from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException as error:
-        os.unlink(temporary)
-        if isinstance(error, OSError):
-            raise ItreeError(f"{path}: cannot be written ({error})") from error
-        raise

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from itree_kernels.errors import ItreeError
+from itree_kernels.json_file import read_json_object
+from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
 
 from itree_jax.sensing.json_check import check_json
@@ -62,11 +64,7 @@ def load_bin(scene: Scene) -> BinWalls | None:
         return None
     if scene.R_w2c is None or scene.t_w2c is None:
         raise ItreeError(f"{path}: a bin's place needs the camera's: cam_R_w2c and cam_t_w2c in scene_camera.json")
-    try:
-        entries = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ItreeError(f"{path}: cannot be read as JSON ({error})") from error
-    check_json(entries, {"type": "object"}, str(path))
+    entries = read_json_object(path)
     entry = entries.get(str(scene.im_id))
     if entry is None:
         return None
@@ -92,4 +90,4 @@ def write_bin(
              "wall_thickness": bin_.wall_thickness}  # fmt: skip
     if T_world_bin is not None:
         entry |= {"R_b2w": T_world_bin[:3, :3].ravel().tolist(), "t_b2w": T_world_bin[:3, 3].tolist()}
-    (folder / BIN_FILE).write_text(json.dumps({str(im_id): entry}, indent=1) + "\n", encoding="utf-8")
+    write_whole(folder / BIN_FILE, json.dumps({str(im_id): entry}, indent=1) + "\n")

@@ -1,10 +1,12 @@
 """Launches on all cores: one Warp launch on the CPU uses one core, but releases the interpreter's lock."""
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 RAYS_WORTH_A_THREAD = 4096  # below this a thread costs more than it brings
 
@@ -26,8 +28,25 @@ def launch_in_chunks(
     # several chunks a thread: windows differ in how many of their rays hit
     chunks = min(count, chunks_each * threads)
     bounds = [count * k // chunks for k in range(chunks + 1)]
-    for done in [_workers(cores).submit(launch, a, b) for a, b in pairwise(bounds)]:
-        done.result()
+    launched = [_workers(cores).submit(launch, a, b) for a, b in pairwise(bounds)]
+    try:
+        for done in launched:
+            done.result()
+    except BaseException:
+        wait_for_all(launched)
+        raise
+
+
+def wait_for_all(launched: Sequence[Future[Any]]) -> None:
+    """Cancels what has not begun and waits for what has, however often that is interrupted.
+
+    A kernel in flight writes into arrays that are freed when the exception leaves the function that made them.
+    """
+    for one in launched:
+        one.cancel()
+    while not all(one.done() for one in launched):
+        with suppress(KeyboardInterrupt):
+            wait(launched)
 
 
 @cache

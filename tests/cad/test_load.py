@@ -86,11 +86,6 @@ def test_triangles_that_disagree_about_outside_are_turned(mesh, tmp_path):
     assert part.face_types == bundled_part("bracket").face_types
 
 
-def test_an_open_mesh_is_a_part_that_says_so(mesh, tmp_path):
-    trimesh.Trimesh(mesh.vertices, mesh.faces[4:], process=False).export(tmp_path / "open.stl")
-    assert not load_part(tmp_path / "open.stl").watertight
-
-
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

@@ -110,6 +110,31 @@ def test_an_interrupt_that_is_dropped_is_heard_all_the_same(itree, monkeypatch, 
     assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == before
 
 
+def test_an_interrupt_waits_while_an_extension_module_is_loaded(itree, monkeypatch, tmp_path):
+    """What is raised inside of it makes many of them crash."""
+    seen = []
+
+    class ExtensionFileLoader:  # told by its name, as the interpreter's own
+        def exec_module(self):
+            signal.raise_signal(signal.SIGINT)
+            seen.append("loaded")
+
+    ExtensionFileLoader.exec_module.__code__ = ExtensionFileLoader.exec_module.__code__.replace(
+        co_qualname="ExtensionFileLoader.exec_module"
+    )
+
+    def work(_):
+        ExtensionFileLoader().exec_module()
+        for _ in range(500):
+            time.sleep(0.01)
+        raise ItreeError("the work came to its end")
+
+    monkeypatch.setattr("itree_jax.tree.tree_file.load_tree", work)
+    ran = itree("show", tmp_path / "a.tree")
+    assert (ran.code, ran.err) == (130, "itree: interrupted; no output is half-written\n")
+    assert seen == ["loaded"]
+
+
 def test_a_mistake_of_the_program_keeps_its_traceback(itree, monkeypatch, tmp_path):
     def wrong(*_):
         raise ZeroDivisionError

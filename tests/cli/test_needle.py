@@ -79,7 +79,8 @@ def test_errors_are_told_and_nothing_is_written(itree, photographs):
     images, lights, out = photographs / "images", photographs / "lights.json", photographs / "out"
     write_photographs(photographs / "colour", np.zeros((4, 10, 10)))
     for k in range(4):
-        cv2.imwrite(str(photographs / "colour" / f"photo.{k}.png"), np.arange(300, dtype=np.uint8).reshape(10, 10, 3))
+        colour = np.roll(np.arange(300, dtype=np.uint8), k).reshape(10, 10, 3)
+        cv2.imwrite(str(photographs / "colour" / f"photo.{k}.png"), colour)
     write_photographs(photographs / "two", np.zeros((2, 10, 10)))
     write_photographs(photographs / "mask", np.zeros((4, 10, 10)), np.ones((9, 10)))
     wrong = {

@@ -14,7 +14,7 @@ from itree_jax.detections import Detection, Detections
 from itree_jax.results import write_bop_csv
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0]).ravel().tolist()
-K = [1800.0, 0, 319.5, 0, 1800.0, 239.5, 0, 0, 1]
+K = [1800.0, 0, 31.5, 0, 1800.0, 23.5, 0, 0, 1]
 DIRECTIONS = [[0, -0.6, -0.8], [-0.48, 0.36, -0.8], [0.48, 0.36, -0.8]]
 VISIBLE = (1.0, 0.9, 0.75, 0.5, 0.05)  # the last two are not counted by recall, the last one not by BOP
 

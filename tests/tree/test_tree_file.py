@@ -40,7 +40,7 @@ def rewritten(content: bytes, change: Callable[[dict], None], fix_sums: bool) ->
     change(members)
     if fix_sums and "header.json" in members:
         header = json.loads(members["header.json"])
-        for name in header["sha256"]:
+        for name in header["sha256"] or ():
             if f"{name}.npy" in members:
                 header["sha256"][name] = hashlib.sha256(members[f"{name}.npy"]).hexdigest()
         members["header.json"] = json.dumps(header).encode()
@@ -215,6 +215,16 @@ def test_another_version_is_refused_with_what_to_do(content, load_bytes):
             load_bytes(rewritten(content, older, fix_sums=True))
 
 
+@pytest.mark.parametrize("rubbish", [b"", b"(", b"{'descr': (", b"\x00" * 20])
+def test_an_array_whose_header_is_rubbish_is_named(rubbish, content, load_bytes):
+    """NumPy's reader raises what its tokenizer does."""
+    def damage(members):
+        members["nodes.error.npy"] = b"\x93NUMPY\x01\x00" + len(rubbish).to_bytes(2, "little") + rubbish
+
+    with pytest.raises(ItreeError, match=r"nodes\.error\.npy is not an array"):
+        load_bytes(rewritten(content, damage, fix_sums=True))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -222,6 +232,8 @@ def test_another_version_is_refused_with_what_to_do(content, load_bytes):
         (with_array("nodes.parent", np.zeros(6)), r"nodes\.parent is float64 \[6\], not Int \[nodes\]"),
         (with_array("nodes.parent", np.zeros(7, np.int32), declared=False), r"nodes\.parent is .*its entry says"),
         (with_array("groups.labels", np.array([None])), r"groups\.labels\.npy is not an array"),
+        (with_header(lambda h: h.pop("tree")), "the header lacks the tree"),
+        (with_header(lambda h: h.update(sha256=[])), "the header lacks the checksums"),
         (with_header(lambda h: h["tree"].pop("seed")), "seed is missing"),
         (with_header(lambda h: h["tree"].update(seed="0")), "seed is '0', not int"),
         (with_header(lambda h: h["tree"].update(spacing=None)), "spacing is None, not float"),

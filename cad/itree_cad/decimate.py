@@ -1,0 +1,43 @@
+"""Meshes with far more triangles than their surfaces need, cut down before faces are looked for.
+
+Edges are collapsed onto vertices that stay where they are (the library Manifold), so that what is left still lies on
+the surfaces of the part: planes keep their corners, a cylinder some of its lines.
+"""
+
+import warnings
+
+import manifold3d
+import numpy as np
+from itree_kernels.errors import ItreeError, ItreeWarning
+from jaxtyping import Float, Int
+
+MOST_TRIANGLES = 50_000  # the search for faces takes longer than in proportion; no part needs more to be seen
+FINEST, COARSEST = 1e-6, 5e-3  # of the part's size: how far a surface may move; the first that suffices is taken
+
+
+def decimated(
+    vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"], where: str
+) -> tuple[Float[np.ndarray, "fewer 3"], Int[np.ndarray, "few 3"]]:
+    """The mesh (welded, [mm]) with at most `MOST_TRIANGLES`, and an `ItreeWarning` if it had more.
+
+    Raises ItreeError, naming `where`, if it is not closed or cannot be cut down so far.
+    """
+    if len(triangles) <= MOST_TRIANGLES:
+        return vertices, triangles
+    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices.astype(np.float64), triangles.astype(np.uint64)))
+    told = f"{where}: the mesh has {len(triangles)} triangles, {MOST_TRIANGLES} are read"
+    if solid.status() != manifold3d.Error.NoError:
+        raise ItreeError(f"{told}, and it is not closed, so that it cannot be cut down; export it coarser, or as STEP")
+    tolerance = FINEST
+    while solid.num_tri() > MOST_TRIANGLES and tolerance <= COARSEST:
+        solid, tolerance = solid.simplify(tolerance * size), 2.0 * tolerance
+    if solid.num_tri() > MOST_TRIANGLES or solid.num_tri() == 0:
+        raise ItreeError(f"{told}, and it cannot be cut down so far; export it coarser, or as STEP")
+    warnings.warn(
+        f"{told}: it is cut down to {solid.num_tri()}, moving no surface by more than {0.5 * tolerance * size:.3g} mm",
+        ItreeWarning,
+        stacklevel=4,
+    )
+    mesh = solid.to_mesh64()
+    return np.asarray(mesh.vert_properties)[:, :3].copy(), np.asarray(mesh.tri_verts).astype(np.int64)

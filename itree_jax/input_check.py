@@ -1,0 +1,25 @@
+"""Whether arrays hold numbers that an image, a depth map and a rotation can hold."""
+
+import numpy as np
+from itree_kernels.errors import ItreeError
+from jaxtyping import Float
+
+ROTATION_TOLERANCE = 1e-3  # of R R^T against I: printed with four digits
+
+
+def check_numbers(
+    images: Float[np.ndarray, "*batch lights height width"],
+    depth: Float[np.ndarray, "*batch height width"] | None = None,
+    R_w2c: Float[np.ndarray, "3 3"] | None = None,
+) -> None:
+    """Raises ItreeError where images or depth are not finite, depth is negative, or `R_w2c` is no rotation."""
+    for name, values in (("images", images), ("the depth map", depth)):
+        if values is not None and not np.isfinite(values).all():
+            count = int((~np.isfinite(values)).sum())
+            raise ItreeError(f"{name}: {count} values are not finite; put 0 where nothing was measured")
+    if depth is not None and np.min(depth, initial=0.0) < 0.0:
+        raise ItreeError(f"the depth map has a negative depth, {np.min(depth):.4g}; it is z in mm, 0 = none")
+    if R_w2c is not None:
+        R = np.asarray(R_w2c)
+        if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+            raise ItreeError(f"R_w2c is not a rotation matrix: {R.tolist()}")
