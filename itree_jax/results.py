@@ -58,9 +58,26 @@ def write_json(detections: Iterable[Detections], path: str | Path) -> None:
 
     Lengths in mm, angles in degrees. A number that is not finite is written as null.
     """
-    document = {"version": RESULTS_VERSION, "units": {"length": "mm", "angle": "deg", "time": "s"},
-                "images": [_image_to_json(image) for image in _by_scene(detections)]}  # fmt: skip
-    write_json_document(document, path)
+    write_json_document(results_document(detections), path)
+
+
+def results_document(detections: Iterable[Detections]) -> dict[str, Any]:
+    """What `write_json` writes, as plain JSON data."""
+    return _plain({
+        "version": RESULTS_VERSION, "units": {"length": "mm", "angle": "deg", "time": "s"},
+        "images": [_image_to_json(image) for image in _by_scene(detections)],
+    })  # fmt: skip
+
+
+def csv_lines(document: dict[str, Any]) -> list[str]:
+    """The rows of a BOP csv that say what a results document says; the numbers are those of `write_bop_csv`."""
+    return [
+        ",".join(map(str, (
+            image["scene_id"], image["im_id"], d["obj_id"], repr(float(d["score"])), _numbers(np.array(d["R"])),
+            _numbers(np.array(d["t"])), repr(float(image["time"])),
+        )))
+        for image in document["images"] for d in image["detections"]
+    ]  # fmt: skip
 
 
 def write_json_document(document: dict[str, Any], path: str | Path) -> None:
