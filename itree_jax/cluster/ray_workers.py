@@ -5,6 +5,7 @@ worker dies is done again by another one.
 """
 
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -64,25 +65,42 @@ def ray_workers(address: str, cores: int | None = None) -> Iterator[RayWorkers]:
 
     Raises ItreeError when Ray is not installed, the address can't be reached, or its cluster can't be joined.
     """
-    for name, value in ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
-    ray = _ray()
-    if address not in (LOCAL, "auto"):
-        check_reachable(address)
-    temporary = tempfile.mkdtemp(prefix="itree-ray-")
-    here = {"address": LOCAL, "num_cpus": cores, "include_dashboard": False, "_temp_dir": temporary}
-    where = here if address == LOCAL else {"address": address}
-    try:
+    # a token of its own, or Ray would make one and keep it in the user's home
+    environment = ENVIRONMENT | ({"RAY_AUTH_TOKEN": secrets.token_hex(32)} if address == LOCAL else {})
+    with unless_told(environment):
+        ray = _ray()
+        if address not in (LOCAL, "auto"):
+            check_reachable(address)
+        temporary = tempfile.mkdtemp(prefix="itree-ray-")
+        here = {"address": LOCAL, "num_cpus": cores, "include_dashboard": False, "_temp_dir": temporary}
+        where = here if address == LOCAL else {"address": address}
         try:
-            ray.init(**where, logging_level="ERROR", log_to_driver=False)
-        except Exception as error:  # Ray raises many kinds
-            started = "a local cluster cannot be started" if address == LOCAL else f"{address}: cannot be joined"
-            raise ItreeError(f"{started}: {' '.join(str(error).split())}") from error
-        yield RayWorkers(ray)
+            _join(ray, address, where)
+            yield RayWorkers(ray)
+        finally:
+            with undisturbed():
+                ray.shutdown()
+                shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _join(ray: Any, address: str, where: dict[str, Any]) -> None:
+    try:
+        ray.init(**where, logging_level="ERROR", log_to_driver=False)
+    except Exception as error:  # Ray raises many kinds
+        started = "a local cluster cannot be started" if address == LOCAL else f"--cluster {address}: cannot be joined"
+        raise ItreeError(f"{started}: {' '.join(str(error).split())}") from error
+
+
+@contextmanager
+def unless_told(environment: dict[str, str]) -> Iterator[None]:
+    """The process's environment with these variables for a block; those that are set already stay."""
+    added = {name: value for name, value in environment.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
     finally:
-        with undisturbed():
-            ray.shutdown()
-            shutil.rmtree(temporary, ignore_errors=True)
+        for name in added:
+            os.environ.pop(name, None)
 
 
 def check_reachable(address: str) -> None:

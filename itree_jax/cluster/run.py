@@ -47,7 +47,7 @@ def run_units(units: Sequence[Unit], work: Work, folder: Path, workers: Workers,
         if isinstance(outcome.result, Failed):
             failures[unit.name] = outcome.result.reason
         else:
-            done[unit.name] = store.keep(unit, outcome.result, outcome.seconds)
+            done[unit.name] = store.keep(unit, outcome.result, outcome)
         tell(f"{len(done)} of {len(units)} done, last {unit.name}", (len(done) + len(failures)) / len(units))
     in_order = {unit.name: failures[unit.name] for unit in units if unit.name in failures}
     if in_order:

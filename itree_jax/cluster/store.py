@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from itree_kernels.errors import ItreeError
 
 from itree_jax.cluster.keys import digest_of_file
-from itree_jax.cluster.unit import Product, Unit
+from itree_jax.cluster.unit import Outcome, Product, Unit
 
 RECORDS = "units"
 
@@ -27,6 +27,7 @@ class Done(NamedTuple):
 
     name: str
     seconds: float
+    cpu_seconds: float
     record: dict[str, Any]
 
 
@@ -45,22 +46,24 @@ class Store:
         """The unit as it was finished by an earlier run; None if it wasn't, or its inputs or files have changed."""
         try:
             said = json.loads(self._record(unit.name).read_text(encoding="utf-8"))
-            key, files, done = said["key"], said["files"], Done(unit.name, said["seconds"], said["record"])
+            key, files = said["key"], said["files"]
+            done = Done(unit.name, said["seconds"], said["cpu_seconds"], said["record"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         whole = all(digest_of_file(self.folder / name) == digest for name, digest in files.items())
         return done if key == unit.key and whole else None
 
-    def keep(self, unit: Unit, product: Product, seconds: float) -> Done:
+    def keep(self, unit: Unit, product: Product, outcome: Outcome) -> Done:
         """Writes what a unit gave. Raises ItreeError when it cannot."""
         for name, content in product.files.items():
             (self.folder / name).parent.mkdir(exist_ok=True)
             write_whole(self.folder / name, content)
         files = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(product.files.items())}
-        said = {"key": unit.key, "seconds": seconds, "files": files, "record": product.record}
+        spent = {"seconds": outcome.seconds, "cpu_seconds": outcome.cpu_seconds}
+        said = {"key": unit.key, **spent, "files": files, "record": product.record}
         text = json.dumps(said, indent=1, allow_nan=False) + "\n"
         write_whole(self._record(unit.name), text.encode())
-        return Done(unit.name, seconds, json.loads(text)["record"])  # as a later run will read it
+        return Done(unit.name, **spent, record=json.loads(text)["record"])  # as a later run will read it
 
     def _record(self, name: str) -> Path:
         return self.folder / RECORDS / f"{name}.json"

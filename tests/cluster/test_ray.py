@@ -3,7 +3,9 @@
 import os
 import signal
 import socket
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -19,7 +21,6 @@ PATIENCE = 60.0  # [s]
 
 @pytest.fixture(scope="module")
 def two_workers(tmp_path_factory):
-    """The cluster, and the folders that the process may write into, to see what it leaves there."""
     from itree_jax.cluster.ray_workers import ray_workers
 
     with ray_workers("local", cores=2) as workers:
@@ -113,16 +114,9 @@ def test_what_the_workers_cannot_import_fails_its_unit(two_workers):
         def __reduce__(self):
             return (__import__, ("a_module_that_is_not_there",))
 
-    (_, outcome), = two_workers.outcomes(lambda task: Product({}), [Unit("a", "", Elsewhere())])
+    ((_, outcome),) = two_workers.outcomes(lambda task: Product({}), [Unit("a", "", Elsewhere())])
     assert isinstance(outcome.result, Failed)
     assert "a_module_that_is_not_there" in outcome.result.reason
-
-
-def test_ray_is_told_not_to_report_and_its_files_are_in_a_temporary_folder(two_workers):
-    import ray
-
-    assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
-    assert "itree-ray-" in ray.get_runtime_context().gcs_address or Path(tempfile.gettempdir()).glob("itree-ray-*")
 
 
 def test_an_address_without_a_cluster_is_told_at_once(tmp_path):
@@ -144,3 +138,60 @@ def test_without_ray_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ItreeError, match=r"pip install \"itree-jax\[cluster\]\""), workers_at("local"):
         pass
+
+
+INTERRUPTED = """
+import sys, time
+from pathlib import Path
+from itree_jax.cli.interrupt import heard_everywhere
+from itree_jax.cluster import Product, Unit, run_units, workers_at
+
+def main(folder):
+    def work(task):
+        if task:
+            (folder / "started").write_text("")
+            time.sleep(600.0)
+        return Product({"first": b"1"})
+
+    try:
+        with heard_everywhere(), workers_at("local") as workers:
+            run_units([Unit(f"n{k}", "", k) for k in range(3)], work, folder / "out", workers, lambda *said: None)
+    except KeyboardInterrupt:
+        return 130
+
+sys.exit(main(Path(sys.argv[1])))
+"""
+
+
+def test_an_interrupted_run_keeps_what_is_done_and_leaves_nothing_else(tmp_path):
+    """No process, no file of Ray's in the temporary folder, nothing in the user's home."""
+    home, temporary = tmp_path / "home", Path(tempfile.mkdtemp(prefix="i-"))  # Ray's sockets need a short path
+    home.mkdir()
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("RAY_")}
+    run = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, tmp_path], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**environment, "HOME": str(home), "TMPDIR": str(temporary), "PYTHONWARNINGS": "error"},
+    )  # fmt: skip
+    assert appears(tmp_path / "started"), run.communicate(timeout=PATIENCE)
+    assert appears(tmp_path / "out" / "units" / "n0.json")
+    run.send_signal(signal.SIGINT)
+    said, _ = run.communicate(timeout=PATIENCE)
+    assert (run.returncode, said) == (130, "")
+    assert (tmp_path / "out" / "first").read_bytes() == b"1"
+    assert list(home.iterdir()) == []
+    assert list(temporary.iterdir()) == []
+    temporary.rmdir()
+    assert str(temporary) not in subprocess.run(["ps", "axww"], capture_output=True, text=True, check=True).stdout
+
+
+def test_the_command_compiles_on_a_local_cluster_and_names_what_fails(tmp_path):
+    code = "import sys; from itree_jax.cli.main import main; sys.exit(main())"
+    words = ["compile", "bundled:nothing", "missing.stl", "--sensor", "bundled:bench", "-o", tmp_path / "trees"]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words, "--cluster", "local"], capture_output=True, text=True, check=False,
+        timeout=2 * PATIENCE, cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "2 of 2 parts failed" in done.stderr
+    assert "nothing: there is no bundled part 'nothing'" in done.stderr
+    assert "missing: there is no file missing.stl" in done.stderr
