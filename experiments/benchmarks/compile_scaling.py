@@ -26,6 +26,7 @@ from itree_cad.bundled import BUNDLED_PARTS
 
 DOME_STAGE = "casting the dome"
 SENSOR = "bundled:bench"
+ASSEMBLIES = ("as1", "dm1")  # how the names of files of several solids begin
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def compile_one(part: str, frequency: int, sensor: str) -> Row:
     from itree_jax.compile import compile_tree
     from itree_jax.sensing.sensor_file import load_sensor
 
-    solid = 0 if Path(part).name.startswith("as1") else None
+    solid = 0 if Path(part).name.startswith(ASSEMBLIES) else None
     loaded = load_part(part, solid=solid)
     stages: dict[str, float] = {}
     last = ["", 0.0]
