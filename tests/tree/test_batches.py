@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from itree_jax.tree import appearances
 from itree_jax.tree.batches import filled, groups_of, multiple_above, on_all_cores, power_of_two_above, streamed
 
 
@@ -54,3 +55,30 @@ def test_filled_arrays_keep_what_they_had():
 def test_sizes_are_few_and_large_enough():
     assert [multiple_above(n, 4) for n in (0, 1, 4, 5)] == [4, 4, 4, 8]
     assert [power_of_two_above(n) for n in (1, 2, 3, 16, 17, 200)] == [1, 2, 4, 16, 32, 256]
+
+
+def test_windows_are_measured_as_they_are_made(monkeypatch):
+    """However many there are, no more than a few batches of pixels are there at once."""
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(appearances, "BATCH", 8)
+    made, measured_so_far, most = 0, 0, 0
+    lock = threading.Lock()
+
+    def measure_batch(window, line, needle_std):
+        nonlocal measured_so_far, most
+        with lock:
+            most = max(most, made - measured_so_far)
+            measured_so_far += len(window.mask)
+        return window.mask.sum(axis=(1, 2))
+
+    def windows():
+        nonlocal made
+        for k in range(400):
+            made += 1
+            mask = np.zeros((48, 48), bool)
+            mask.flat[:k] = True
+            yield appearances.pixels_of(mask, np.ones((48, 48, 3), np.float32), np.zeros((48, 48, 2), np.float32))
+
+    monkeypatch.setattr(appearances, "measure_batch", measure_batch)
+    assert appearances.measured(windows(), 1.0, 0.02).tolist() == list(range(400))
+    assert most <= 5 * 8
