@@ -1,15 +1,17 @@
-"""How the time of a scene grows with the number of parts: forests of 1, 5, 10 and 20 parts on the same mixed bins.
+"""How time and memory grow with the number of parts: forests of 1, 5, 20 and 100 parts on the same mixed bins.
 
     python experiments/forest_growth.py [--cache DIR] [--sizes N ...] [--scenes N] [--runs N] [--out FILE]
 
-Twenty parts (`forest_parts.py`) are compiled with few draws, once; the trees stay in the cache. The bins hold the five
-bundled parts, one each, dropped by the physics engine (extra `sim`), so that forests of five parts and more know all
-that lies there. Forests up to the size `--exhaustive` are also measured without their root (all regions, all parts):
-that is what N trees one after another cost.
+The parts (`forest_parts.py`) are compiled with few draws, once; the trees stay in the cache, and a part that can't be
+compiled for the sensor is left out. The bins hold the five bundled parts, one each, dropped by the physics engine
+(extra `sim`), so that forests of five parts and more know all that lies there. Memory is what the trees' arrays take,
+and what the process holds after the scenes. Forests up to the size `--exhaustive` are also measured without their root
+(all regions, all parts): that is what N trees one after another cost.
 """
 
 import argparse
 import json
+import resource
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -17,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forest_parts import PART_NAMES, forest_part
+from forest_parts import forest_part, part_names
 from itree_cad.bundled import BUNDLED_PARTS
+from itree_kernels.errors import ItreeError
 
 from itree_jax.compile import compile_tree
 from itree_jax.detections import Detections
@@ -36,6 +39,8 @@ from itree_jax.simulate.dataset import model_info
 from itree_jax.simulate.imaging import image_mixed_bin
 from itree_jax.simulate.settle import settle_mixed
 from itree_jax.tree.forest import compile_forest
+from itree_jax.tree.packing import Arrays, pack
+from itree_jax.tree.tree import InterpretationTree
 from itree_jax.tree.tree_file import load_tree, save_tree
 
 VISIBLE = 0.7  # parts that recall counts
@@ -46,7 +51,7 @@ RIGHT = 0.05  # MSSD, of the diameter
 class Config:
     out: Path = Path("out/forest_growth.json")
     cache: Path = Path("out/forest_trees")
-    sizes: tuple[int, ...] = (1, 5, 10, 20)
+    sizes: tuple[int, ...] = (1, 5, 20, 100)
     exhaustive: int = 5  # largest forest that is also asked without its root
     scenes: int = 3
     runs: int = 3  # of every scene, after one that compiles
@@ -71,15 +76,19 @@ class Row:
     found: int  # of these
     answers: int
     right: int
+    tree_mb: float  # of the arrays of all trees
+    resident_mb: float  # of the process, after the scenes
 
 
 def main(config: Config) -> None:
     """Writes `config.out`, prints the table."""
     sensor = bundled_sensor("bench")
-    prepared = [prepare(load_tree(tree_file(name, sensor, config))) for name in PART_NAMES[: max(config.sizes)]]
+    files = compiled(sensor, config)
+    prepared: list[Prepared] = []
     scenes = [mixed_bin(sensor, config.seed + k) for k in range(config.scenes)]
     rows = []
-    for size in config.sizes:
+    for size in sorted(min(size, len(files)) for size in config.sizes):
+        prepared += [prepare(load_tree(path)) for path in files[len(prepared) : size]]
         start = time.perf_counter()
         root = compile_forest([p.tree for p in prepared[:size]]).root
         forest = PreparedForest(tuple(prepared[:size]), root)
@@ -95,14 +104,35 @@ def main(config: Config) -> None:
     print("\n" + as_table(rows, head=True) + "\n\n" + "\n".join(ratio_line(r) for r in ratios(rows)))
 
 
-def tree_file(name: str, sensor: Sensor, config: Config) -> Path:
-    """The tree of a part, compiled where the cache has none."""
-    path = config.cache / f"{name}.tree"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        number = PART_NAMES.index(name) + 1
-        save_tree(compile_tree(forest_part(name), sensor, obj_id=number, draws=config.draws), path)
-    return path
+def compiled(sensor: Sensor, config: Config) -> list[Path]:
+    """The trees of as many parts as the largest forest holds, compiled where the cache has none."""
+    files: list[Path] = []
+    config.cache.mkdir(parents=True, exist_ok=True)
+    for number, name in enumerate(part_names(max(config.sizes)), start=1):
+        path = config.cache / f"{name.replace(':', '_')}.tree"
+        if not path.exists():
+            try:
+                tree = compile_tree(forest_part(name), sensor, obj_id=number, draws=config.draws)
+            except ItreeError as error:
+                print(f"{name} is left out: {error}", flush=True)
+                continue
+            save_tree(tree, path)
+            print(f"{name}: compiled", flush=True)
+        files.append(path)
+    return files
+
+
+def megabytes(tree: InterpretationTree) -> float:
+    """Of all its arrays."""
+    arrays: Arrays = {}
+    pack(tree, arrays)
+    return sum(array.nbytes for array in arrays.values()) / 1e6
+
+
+def resident_mb() -> float:
+    """Memory that the process holds now (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
 
 
 def mixed_bin(sensor: Sensor, seed: int) -> tuple[Scene, tuple[TrueObject, ...]]:
@@ -138,6 +168,7 @@ def measure(
     return Row(
         len(forest.trees), root, said.rule if root else "-", said.error, root_seconds, float(np.mean(regions)),
         float(np.mean(pairs)), float(np.median(seconds)), float(np.median(cpu)), *(int(c) for c in counts),
+        sum(megabytes(one.tree) for one in forest.trees), resident_mb(),
     )  # fmt: skip
 
 
@@ -162,14 +193,16 @@ def count_right(
 
 def as_table(rows: Sequence[Row], head: bool) -> str:
     lines = [
-        "| parts | root | its error | regions | pairs | s per scene | CPU s | recall | right answers |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| parts | root | its error | regions | pairs | s per scene | CPU s | recall | right answers | trees MB | "
+        "process MB |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ] if head else []  # fmt: skip
     for r in rows:
         root = r.rule if r.root else "not asked"
         lines.append(
             f"| {r.parts} | {root} | {100 * r.root_error:.0f} % | {r.regions:.1f} | {r.pairs:.1f} | {r.seconds:.1f} | "
-            f"{r.cpu_seconds:.1f} | {r.found}/{r.in_bin} | {r.right}/{r.answers} |"
+            f"{r.cpu_seconds:.1f} | {r.found}/{r.in_bin} | {r.right}/{r.answers} | {r.tree_mb:.0f} | "
+            f"{r.resident_mb:.0f} |"
         )
     return "\n".join(lines)
 

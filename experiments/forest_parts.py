@@ -1,9 +1,16 @@
-"""Twenty machine parts for forests: the five bundled ones and fifteen built here by CSG, 40 to 100 mm [mm]."""
+"""Machine parts for forests [mm]: the five bundled ones, fifteen built here by CSG, 40 to 100 mm, the CAD files of
+$ITREE_DATA/cad, and as many variants of the fifteen as are asked for: stretched, and with a corner cut off or a hole.
+"""
 
+import os
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part, part_from_solid
 from itree_cad.csg import Edge, Solid, Surface, arc, box, cylinder, extrude, lathe, polygon
+from itree_cad.load import load_part
 from itree_cad.part import Part
 
 
@@ -126,6 +133,49 @@ BUILDERS: dict[str, Callable[[], Solid]] = {
 PART_NAMES = (*BUNDLED_PARTS, *BUILDERS)
 
 
+ASSEMBLIES = ("as1", "dm1")  # how the names of files of several solids begin
+VARIANT, FILE = "~", "file:"
+STRETCH = (0.8, 1.25)  # of a variant along each axis: a part of the same family, as catalogues have them
+
+
+def part_names(count: int) -> list[str]:
+    """The first `count` parts: `PART_NAMES`, then CAD files, then variants, the first of every builder first."""
+    files = [f"{FILE}{path.name}" for path in cad_files()]
+    names, number = [*PART_NAMES, *files], 1
+    while len(names) < count:
+        names += [f"{name}{VARIANT}{number}" for name in BUILDERS]
+        number += 1
+    return names[:count]
+
+
+def cad_files() -> list[Path]:
+    """Of the data folder, where there is one: those of a single solid."""
+    data = os.environ.get("ITREE_DATA")
+    found = sorted((Path(data) / "cad").iterdir()) if data else []
+    return [path for path in found if not path.name.startswith(ASSEMBLIES)]
+
+
 def forest_part(name: str) -> Part:
-    """One of `PART_NAMES`."""
+    """One of `part_names`."""
+    if name.startswith(FILE):
+        part = load_part(next(path for path in cad_files() if path.name == name.removeprefix(FILE)))
+        return replace(part, name=name.removeprefix(FILE))
+    if VARIANT in name:
+        family, number = name.split(VARIANT)
+        return part_from_solid(name, variant(BUILDERS[family](), list(BUILDERS).index(family), int(number)))
     return part_from_solid(name, BUILDERS[name]()) if name in BUILDERS else bundled_part(name)
+
+
+def variant(solid: Solid, family: int, number: int) -> Solid:
+    """A solid stretched along its axes, then drilled through along z or with a corner cut off."""
+    rng = np.random.default_rng([family, number])
+    stretched = Solid(solid.manifold.scale(rng.uniform(*STRETCH, 3).tolist()), solid.surfaces)
+    low, high = (np.array(corner) for corner in np.split(np.array(stretched.manifold.bounding_box()), 2))
+    size = high - low
+    if rng.random() < 0.5:
+        x, y = low[:2] + rng.uniform(0.25, 0.75, 2) * size[:2]
+        radius = float(rng.uniform(0.08, 0.16) * size[:2].min())
+        return stretched - cylinder(radius, low[2] - 1.0, high[2] + 1.0, "drilled").moved(x=x, y=y)
+    corner = np.where(rng.random(3) < 0.5, low, high)
+    depth = rng.uniform(0.15, 0.35, 3) * size
+    return stretched - box(tuple(corner - depth), tuple(corner + depth), "corner")

@@ -9,6 +9,7 @@ Table of contents. Names are imported when they are first used, so that `import 
 | tell several parts apart | `compile_forest`, `Forest` |
 | recognise parts in images | `prepare`, `recognize` |
 | see | `photometric_stereo`, `needle_map`, `dual_photometric_stereo`, `depth_needles`, `scene_edges`, `regions` |
+| see many scenes on several devices | `sharded_needle_maps` |
 | correct what is seen | `fit_response`, `apply_response`, `self_calibrate` |
 | the stages on their own | `classify`, `determine`, `refine`, `verify` |
 | keep and judge results | `write_bop_csv`, `write_json`, `evaluate` |
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from itree_jax.sensing.sensor_file import load_sensor as load_sensor
     from itree_jax.sensor import Noise as Noise
     from itree_jax.sensor import Sensor as Sensor
+    from itree_jax.sharding import sharded_needle_maps as sharded_needle_maps
     from itree_jax.stereo.dual_stereo import dual_photometric_stereo as dual_photometric_stereo
     from itree_jax.stereo.second_camera import SecondCamera as SecondCamera
     from itree_jax.stereo.second_file import load_second as load_second
@@ -92,6 +94,7 @@ _HOME = {
     "save_tree": "itree_jax.tree.tree_file",
     "scene_edges": "itree_jax.sensing.edges",
     "self_calibrate": "itree_jax.refinement.self_calibration",
+    "sharded_needle_maps": "itree_jax.sharding",
     "verify": "itree_jax.refinement.verify",
     "write_bop_csv": "itree_jax.results",
     "write_json": "itree_jax.results",

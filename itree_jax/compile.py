@@ -65,7 +65,11 @@ def compile_tree(
     part = rings(part, symmetry)
     tell("casting the dome", 0.05)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
-    groups = attitude_groups(mesh, part, sensor, dome_frequency, label_faces, symmetry=symmetry)
+
+    def dome_seen(done: int, views: int) -> None:
+        tell(f"casting the dome: {done} of {views} views", 0.15 - 0.1 * (1.0 - done / views))
+
+    groups = attitude_groups(mesh, part, sensor, dome_frequency, label_faces, dome_seen, symmetry)
     if groups.pruned.all():
         raise ItreeError(
             f"No attitude group of {part.name!r} can be told by this sensor: {groups.pruned_reason[0]}. "

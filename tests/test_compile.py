@@ -178,3 +178,12 @@ def test_a_part_of_which_only_a_hole_counts_is_refused(paper):
 def test_an_unknown_policy_is_refused_before_any_work():
     with pytest.raises(ItreeError, match="no policy 'best'"):
         compile_tree(box_part(4000, 10, 10), SENSOR, policy="best")
+
+
+def test_progress_counts_the_views_of_the_dome_and_never_falls(quick, monkeypatch):
+    monkeypatch.setattr("itree_jax.tree.detectable.PIXELS_AT_ONCE", 20 * 60 * 60)  # the 60 views in several launches
+    told = []
+    quick(report=lambda what, share: told.append((what, share)))
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert len([what for what, _ in told if what.endswith("of 60 views")]) > 3

@@ -6,6 +6,7 @@ pixel or two: a crease, a slot, a depth step, the border of a cast shadow. The s
 its neighbours, so that a pixel counts only what it has beyond them. The paper leaves its edge operator open.
 """
 
+from functools import reduce
 from typing import NamedTuple
 
 import jax
@@ -37,6 +38,16 @@ class EdgeMap(NamedTuple):
     lights_share: Float[Array, "h w"]
 
 
+class Vectors(NamedTuple):
+    """Vectors of pixels, a plane per component: interleaved ones keep a CPU from computing several pixels at once."""
+
+    x: Float[Array, "*n"]
+    y: Float[Array, "*n"]
+
+    def times(self, factor: Float[Array, "*n"]) -> "Vectors":
+        return Vectors(self.x * factor, self.y * factor)
+
+
 def edge_map(images: Float[Array, "lights h w"], image_std: Float[Array, "lights h w"] | float) -> EdgeMap:
     """The edge map of one scene or window: the maps of all lights combined, where the strongest counts most.
 
@@ -46,11 +57,12 @@ def edge_map(images: Float[Array, "lights h w"], image_std: Float[Array, "lights
     """
     std = jnp.broadcast_to(jnp.asarray(image_std, dtype=images.dtype), images.shape)
     each = jax.vmap(_edges_of_one_light)(images, std)
-    strength = _length(each)
+    squared = _length(each) ** 2
     # Each light weighs with the square of its strength: one light alone keeps its strength, equal ones share it.
-    weight = jnp.sum(strength**2, axis=0)
-    edges = jnp.sum(each * (strength**2)[..., None], axis=0) / jnp.where(weight > 0, weight, 1.0)[..., None]
-    return EdgeMap(edges, _lights_share(each, edges))
+    weight = jnp.sum(squared, axis=0)
+    weighed = each.times(squared / jnp.where(weight > 0, weight, 1.0)[None])
+    edges = Vectors(jnp.sum(weighed.x, axis=0), jnp.sum(weighed.y, axis=0))
+    return EdgeMap(jnp.stack(edges, axis=-1), _lights_share(each, edges))
 
 
 def seen_by(edge_map: EdgeMap, lights: int, least: int = 2) -> Float[Array, "h w 2"]:
@@ -62,66 +74,66 @@ def seen_by(edge_map: EdgeMap, lights: int, least: int = 2) -> Float[Array, "h w
     return edge_map.edges * shown[..., None]
 
 
-def _edges_of_one_light(image: Float[Array, "h w"], std: Float[Array, "h w"]) -> Float[Array, "h w 2"]:
+def _edges_of_one_light(image: Float[Array, "h w"], std: Float[Array, "h w"]) -> Vectors:
     """Strength times double-angle direction of the edges in one intensity map."""
     around = _neighbourhood(image)
     gradient = _differences(around)
     change = _length(gradient)
-    normal = gradient / jnp.where(change > 0, change, 1.0)[..., None]
+    normal = gradient.times(1.0 / jnp.where(change > 0, change, 1.0))
 
     confined = jnp.maximum(change - jnp.maximum(_beside(gradient, normal, SHADING_DISTANCE), 0.0), 0.0)
-    brighter = jnp.maximum(jnp.max(_neighbourhood(jnp.max(around, axis=0)), axis=0), 0.0)  # of 5 x 5 pixels
-    noise = NOISE_STDS * NOISE_GAIN * jnp.max(_neighbourhood(std), axis=0)
+    brighter = jnp.maximum(_largest(_neighbourhood(_largest(around))), 0.0)  # of 5 x 5 pixels
+    noise = NOISE_STDS * NOISE_GAIN * _largest(_neighbourhood(std))
     range_ = (FULL_CONTRAST - NO_CONTRAST) * brighter + noise
     strength = _rise((confined - NO_CONTRAST * brighter - noise) / jnp.where(range_ > 0, range_, 1.0))
     largest = jnp.maximum(change, _beside(gradient, normal, 1))
     thin = (change / jnp.where(largest > 0, largest, 1.0)) ** THINNING
+    shown = strength * thin
 
     # The gradient points across the edge: a quarter turn is a half turn of the double angle.
-    c, s = normal[..., 0], normal[..., 1]
-    rough = -jnp.stack([c**2 - s**2, 2.0 * c * s], axis=-1) * (strength * thin)[..., None]
+    c, s = normal
+    rough = Vectors(s**2 - c**2, -2.0 * c * s).times(shown)
     # Steps of whole pixels make the direction of one pixel jump; its neighbours along the edge settle it.
-    mean = jnp.stack([_blurred(_blurred(rough[..., k])) for k in range(2)], axis=-1)
+    mean = Vectors(*(_blurred(_blurred(component)) for component in rough))
     length = _length(mean)
-    return mean * (strength * thin / jnp.where(length > 0, length, 1.0))[..., None]
+    return mean.times(shown / jnp.where(length > 0, length, 1.0))
 
 
-def _lights_share(each: Float[Array, "lights h w 2"], edges: Float[Array, "h w 2"]) -> Float[Array, "h w"]:
+def _lights_share(each: Vectors, edges: Vectors) -> Float[Array, "h w"]:
     """How many of the lights show `edges`, a pixel beside included, in its direction and as strongly."""
-    squared = jnp.sum(edges**2, axis=-1)
+    squared = edges.x**2 + edges.y**2
     agree = jax.vmap(lambda light: _agreement(light, edges))(each)
     shown = jnp.clip(agree / jnp.where(squared > 0, squared, 1.0)[None], 0.0, 1.0)
     return jnp.mean(shown, axis=0)
 
 
-def _agreement(light: Float[Array, "h w 2"], edges: Float[Array, "h w 2"]) -> Float[Array, "h w"]:
+def _agreement(light: Vectors, edges: Vectors) -> Float[Array, "h w"]:
     """Largest inner product of an edge with those of one light in the 3 x 3 pixels around it."""
-    beside = jnp.stack([_neighbourhood(light[..., k]) for k in range(2)], axis=-1)
-    return jnp.max(jnp.sum(beside * edges[None], axis=-1), axis=0)
+    beside = zip(_neighbourhood(light.x), _neighbourhood(light.y), strict=True)
+    return _largest([x * edges.x + y * edges.y for x, y in beside])
 
 
-def _differences(around: Float[Array, "9 h w"]) -> Float[Array, "h w 2"]:
-    """Central differences over two pixels (x, y), smoothed along the edge."""
+def _differences(around: list[Float[Array, "h w"]]) -> Vectors:
+    """Central differences over two pixels, smoothed along the edge."""
     a = around
     x = SMOOTH * (a[2] - a[0] + a[8] - a[6]) + (1.0 - 2.0 * SMOOTH) * (a[5] - a[3])
     y = SMOOTH * (a[6] - a[0] + a[8] - a[2]) + (1.0 - 2.0 * SMOOTH) * (a[7] - a[1])
-    return jnp.stack([x, y], axis=-1)
+    return Vectors(x, y)
 
 
-def _beside(gradient: Float[Array, "h w 2"], normal: Float[Array, "h w 2"], distance: int) -> Float[Array, "h w"]:
+def _beside(gradient: Vectors, normal: Vectors, distance: int) -> Float[Array, "h w"]:
     """The larger change in the direction of each pixel's `normal`, `distance` [px] across the edge to either side.
 
     Bilinear, as a weighted sum of the pixels that can be reached: many times faster than looking each one up.
     """
-    height, width = gradient.shape[:2]
-    framed = jnp.pad(gradient, ((distance, distance), (distance, distance), (0, 0)))
-    x, y = normal[..., 0], normal[..., 1]
+    height, width = gradient.x.shape
+    framed = Vectors(*(jnp.pad(component, distance) for component in gradient))
     reach = range(-distance, distance + 1)
-    column, row = ({j: _tent(distance * c - j) for j in reach} for c in (x, y))
-    ahead = behind = jnp.zeros_like(x)
+    column, row = ({j: _tent(distance * c - j) for j in reach} for c in normal)
+    ahead = behind = jnp.zeros_like(normal.x)
     for i, j in ((i, j) for i in reach for j in reach):
-        here = framed[distance + i : distance + i + height, distance + j : distance + j + width]
-        change = here[..., 0] * x + here[..., 1] * y
+        rows, columns = (slice(distance + i, distance + i + height), slice(distance + j, distance + j + width))
+        change = framed.x[rows, columns] * normal.x + framed.y[rows, columns] * normal.y
         ahead = ahead + change * column[j] * row[i]
         behind = behind + change * column[-j] * row[-i]
     return jnp.maximum(ahead, behind)
@@ -132,11 +144,15 @@ def _tent(t: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.maximum(1.0 - jnp.abs(t), 0.0)
 
 
-def _neighbourhood(image: Float[Array, "h w"]) -> Float[Array, "9 h w"]:
+def _neighbourhood(image: Float[Array, "h w"]) -> list[Float[Array, "h w"]]:
     """The 3 x 3 pixels around every pixel, row by row; the image's rim is repeated outward, which makes no edge."""
     height, width = image.shape
     framed = jnp.pad(image, 1, mode="edge")
-    return jnp.stack([framed[i : i + height, j : j + width] for i in range(3) for j in range(3)])
+    return [framed[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+
+
+def _largest(images: list[Float[Array, "h w"]]) -> Float[Array, "h w"]:
+    return reduce(jnp.maximum, images)
 
 
 def _blurred(image: Float[Array, "h w"]) -> Float[Array, "h w"]:
@@ -151,7 +167,7 @@ def _rise(t: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return t * t * (3.0 - 2.0 * t)
 
 
-def _length(vector: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+def _length(vectors: Vectors) -> Float[Array, "*n"]:
     """Euclidean length; its derivative at 0 is 0."""
-    squared = jnp.sum(vector**2, axis=-1)
+    squared = vectors.x**2 + vectors.y**2
     return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1.0)), 0.0)

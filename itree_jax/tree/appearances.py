@@ -4,6 +4,7 @@ Cast shadows turn with the part under fixed lights, so that an attitude is a vie
 the paper's work models at representative attitudes, taken at many.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from itree_jax.features.relation import BROTHER_FIELDS, brothers
 from itree_jax.features.window import Window
 from itree_jax.sensing.reaching import LIGHTS_NEEDED
 from itree_jax.sensor import Sensor
-from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.batches import groups_of, streamed
 from itree_jax.tree.groups import roll_rotation
 from itree_jax.tree.sights import (
     Region,
@@ -110,33 +111,39 @@ def appearances(
     camera, pitch = window_camera(reach)
     R_all = turned(R_cam_obj, rolls).reshape(-1, 3, 3)
     least = sensor.smallest_region / pitch**2
+
     def of_batch(first: int) -> list[SeenAttitude]:
         return seen_attitudes(mesh, sensor, R_all[first : first + VIEWS_AT_ONCE], camera, pitch, least)
 
-    found = [a for batch in on_all_cores(of_batch, range(0, len(R_all), VIEWS_AT_ONCE)) for a in batch]
-    every = [(k, a, region) for k, a in enumerate(found) for region in a.regions]
-    masks = [region.mask for _, _, region in every]
-    normals = [np.where(region.mask[..., None], a.normal, 0.0) for _, a, region in every]
-    lines = [a.edges for _, a, _ in every]
-    features = measured(masks, normals, lines, pitch, sensor_needle_deviation(sensor))
+    places, face_area = [], []
+
+    def windows() -> Iterator[PixelMaps]:
+        for batch in streamed(of_batch, range(0, len(R_all), VIEWS_AT_ONCE)):
+            for a in batch:
+                places.append([region.without_pixels() for region in a.regions])
+                face_area.append(a.face_area)
+                yield from (pixels_of(region.mask, a.normal, a.edges) for region in a.regions)
+
+    features = measured(windows(), pitch, sensor_needle_deviation(sensor))
+    every = [(k, region) for k, regions in enumerate(places) for region in regions]
     return Appearances(
         R_cam_obj=R_all.astype(np.float32),
         view=np.repeat(view, rolls).astype(np.int32),
         group=np.zeros(len(R_all), np.int32),  # until `grouped` names it
-        attitude=np.array([k for k, _, _ in every], np.int32),
+        attitude=np.array([k for k, _ in every], np.int32),
         area=np.asarray(features.area),
         mean_normal=np.asarray(features.mean_normal),
         mass_centre=np.asarray(features.mass_centre),
         egi=np.asarray(features.egi),
         inertia=inertia_table(features),
         outline=np.asarray(features.outline),
-        centroid_obj=np.array([R_all[k].T @ region.centre for k, _, region in every], np.float32).reshape(-1, 3),
+        centroid_obj=np.array([R_all[k].T @ region.centre for k, region in every], np.float32).reshape(-1, 3),
         shares=np.asarray(features.shares),
         # half precision: they are compared by correlation, and are most of a tree's bytes
         characteristic_map=np.asarray(features.characteristic_map, np.float16),
         edge_map=np.asarray(features.edge_map, np.float16),
-        brothers=brothers_of_each([a.regions for a in found], np.asarray(features.inertia.alpha)),
-        face_area=np.array([a.face_area for a in found], np.float32),
+        brothers=brothers_of_each(places, np.asarray(features.inertia.alpha)),
+        face_area=np.array(face_area, np.float32),
     )
 
 
@@ -197,21 +204,36 @@ def mesh_reach(mesh: RayMesh) -> float:
     return float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 
-def measured(masks: list, normals: list, edges: list, pitch: float, needle_std: float) -> RegionFeatures:
-    """Features of many windows as NumPy arrays, measured in batches of one size so that one shape is compiled."""
+class PixelMaps(NamedTuple):
+    """One region's pixels, as its features are measured from them."""
+
+    mask: Bool[np.ndarray, "s s"]
+    normal: Float[np.ndarray, "s s 3"]  # 0 outside the region
+    edges: Float[np.ndarray, "s s 2"]
+
+
+def pixels_of(
+    mask: Bool[np.ndarray, "s s"], normal: Float[np.ndarray, "s s 3"], edges: Float[np.ndarray, "s s 2"]
+) -> PixelMaps:
+    return PixelMaps(mask, np.where(mask[..., None], normal, 0.0), edges)
+
+
+def measured(windows: Iterable[PixelMaps], pitch: float, needle_std: float) -> RegionFeatures:
+    """Features of any number of windows as NumPy arrays, measured in batches of one size so that one shape is compiled.
+
+    Windows are asked for as they are measured: a few batches of them are in memory, however many there are.
+    """
     size = WINDOW_SIZE
 
-    def of_batch(first: int) -> RegionFeatures:
+    def of_batch(batch: list[PixelMaps]) -> RegionFeatures:
         mask, normal = np.zeros((BATCH, size, size), bool), np.zeros((BATCH, size, size, 3), np.float32)
-        line = np.zeros((BATCH, size, size, 2), np.float32)
-        count = len(masks[first : first + BATCH])
+        line, count = np.zeros((BATCH, size, size, 2), np.float32), len(batch)
         if count:
-            mask[:count], normal[:count] = masks[first : first + BATCH], normals[first : first + BATCH]
-            line[:count] = edges[first : first + BATCH]
+            mask[:count], normal[:count], line[:count] = map(np.stack, zip(*batch, strict=True))
         window = Window(mask, normal, np.full(BATCH, pitch, np.float32))
         return jax.tree.map(lambda a: np.asarray(a)[:count], measure_batch(window, line, np.float32(needle_std)))
 
-    parts = on_all_cores(of_batch, range(0, max(1, len(masks)), BATCH))
+    parts = list(streamed(of_batch, groups_of(windows, BATCH)))
     return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 
 

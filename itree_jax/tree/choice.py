@@ -10,6 +10,8 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
+from itree_jax.features.region import RegionFeatures
+from itree_jax.tree.batches import filled, multiple_above
 from itree_jax.tree.branches import Branches
 from itree_jax.tree.classification_rules import (
     CLASSIFICATION_RULES,
@@ -28,14 +30,24 @@ from itree_jax.tree.work_models import GroupModels
 POLICIES = ("measured", "paper")
 ERROR_BOUND = 0.05  # policy `paper`: the first rule whose error is under it
 EQUAL_ERROR = 0.005  # policy `measured`: rules this close are equal, the cheaper one is taken
+DRAWS_STEP, SAMPLES_STEP = 512, 64  # draws, and those of a group, are filled up to a multiple: few shapes are compiled
 WORTH_A_PAIR = 0.02  # a second rule is measured only where it takes away more than this
+
+
+def quantities_of(draws: Draws, models: GroupModels) -> tuple[Float[np.ndarray, "draws d"], ...]:
+    """What every rule compares, of every draw; computed for one of a few numbers of them."""
+    count = len(draws.group)
+    return tuple(q[:count] for q in map(np.asarray, quantities(_of_few_sizes(draws.features, count), models)))
+
+
+def _of_few_sizes(features: RegionFeatures, count: int) -> RegionFeatures:
+    return filled(features, multiple_above(count, DRAWS_STEP))
 
 
 def distributions(draws: Draws, models: GroupModels, group_count: int) -> Distributions:
     """The samples of every rule's quantity by group."""
     samples, bandwidths = [], []
-    for rule, values in zip(CLASSIFICATION_RULES, quantities(draws.features, models), strict=True):
-        quantity = np.asarray(values)
+    for rule, quantity in zip(CLASSIFICATION_RULES, quantities_of(draws, models), strict=True):
         most = max(1, int(np.bincount(draws.group, minlength=group_count).max()))
         table = np.full((group_count, most, quantity.shape[1]), np.nan, np.float32)
         for g in range(group_count):
@@ -50,10 +62,14 @@ def measure_rules(
     draws: Draws, models: GroupModels, known: Distributions, prior: Float[np.ndarray, "groups"]
 ) -> Measured:
     """What every rule says about every draw."""
-    found = log_likelihoods(
-        quantities(draws.features, models), known.samples, known.bandwidth, jnp.asarray(prior, jnp.float32)
+    count = len(draws.group)
+    measured = quantities(_of_few_sizes(draws.features, count), models)
+    most = multiple_above(known.samples[0].shape[1], SAMPLES_STEP)
+    samples = tuple(
+        np.pad(s, ((0, 0), (0, most - s.shape[1]), (0, 0)), constant_values=np.nan) for s in known.samples
     )
-    return Measured(np.asarray(found), draws.group, draws.cut)
+    found = log_likelihoods(measured, samples, known.bandwidth, jnp.asarray(prior, jnp.float32))
+    return Measured(np.asarray(found)[:, :count], draws.group, draws.cut)
 
 
 def check_policy(policy: str) -> None:

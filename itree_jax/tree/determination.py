@@ -1,5 +1,6 @@
 """Measuring the determination rules: the scales of what a true attitude leaves, and each rule's error by group."""
 
+from collections.abc import Iterator
 from functools import partial
 
 import jax
@@ -12,7 +13,7 @@ from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import Appearances
-from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.batches import multiple_above, on_all_cores
 from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES
 from itree_jax.tree.determination_relations import brothers_apart, compare_maps, relation_penalty
 from itree_jax.tree.determination_rules import (
@@ -32,13 +33,14 @@ from itree_jax.tree.freedom import choose_steps
 from itree_jax.tree.tree import Determination
 from itree_jax.tree.work_models import LEAST_UNIQUENESS
 
-ROW_BATCH = 256  # appearance rows are padded to a multiple, so that few shapes are compiled
+# Appearance rows, those of one group, and groups are padded to multiples, so that few shapes are compiled.
+ROW_BATCH, GROUP_ROW_BATCH, GROUP_BATCH = 256, 512, 16
 REACH = float(np.radians(20.0))  # refinement converges from here: an attitude within it is determined
 # No scale is trusted below what other parts' shadows change.
 FLOORS = (np.radians(3.0), np.radians(3.0), 0.03, 0.03, 0.03, np.radians(3.0), 0.03, 0.05, 0.05, 0.003)
 OUTLIER = 4.0  # medians: what lies beyond is another region, not a deviation
 SAME_REGION = 0.9  # cosine between mean normals: less than 26 degrees, for a step of roll on a face of 42 degrees
-DRAWS_AT_ONCE = 64
+DRAWS_AT_ONCE = 40  # a fifth of a group's `ERROR_DRAWS`
 SCALE_DRAWS, ERROR_DRAWS = 25, 200  # per group, at most: each is compared with every appearance at every turn
 SHORTLIST = 96  # appearances whose maps are compared: a group of ten views at 12 rolls, with some of the next
 TURNS = 32  # about the mean normal, tried for the best one
@@ -46,16 +48,19 @@ RULES = DETERMINATION_RULE_NAMES
 EGI_SCALE = 4  # of the samples: the one whose quartile is taken
 
 
-def appearance_arrays(table: Appearances, uses: Float[np.ndarray, "groups 8"]) -> AppearanceArrays:
-    """Rows for determination, padded with rows of area 0; row k is row k of the table.
+def appearance_arrays(
+    table: Appearances, uses: Float[np.ndarray, "groups 8"], kept: Int[np.ndarray, "kept"] | None = None,
+    least: int = ROW_BATCH,
+) -> AppearanceArrays:
+    """Rows for determination, padded with rows of area 0; row k is row k of the table, or of those that are `kept`.
 
-    `uses`: 1 where a group's steps use a rule (`rules_used`).
+    `uses`: 1 where a group's steps use a rule (`rules_used`). There are `least` rows or more.
     """
-    count = len(table.attitude)
-    extra = -count % ROW_BATCH
+    index = np.arange(len(table.attitude)) if kept is None else kept
+    extra = max(least, multiple_above(len(index), ROW_BATCH)) - len(index)
 
     def pad(values: np.ndarray) -> Array:
-        return jnp.asarray(np.concatenate([values, np.zeros((extra, *values.shape[1:]), values.dtype)]))
+        return jnp.asarray(np.concatenate([values[index], np.zeros((extra, *values.shape[1:]), values.dtype)]))
 
     return AppearanceArrays(
         R_cam_obj=pad(table.R_cam_obj[table.attitude]),
@@ -225,14 +230,19 @@ def measure_determination(
     if policy == "paper":
         test = test.take(np.flatnonzero(~test.cut))
     test = first_of_each_group(test, ERROR_DRAWS)
-    rows = appearance_arrays(table, np.zeros((group_count, len(RULES)), np.float32))
+    unused = np.zeros((multiple_above(group_count, GROUP_BATCH), len(RULES)), np.float32)
+    rows = appearance_arrays(table, unused)
     turns, axes = symmetry_arrays(symmetries)
     roll_step = 2.0 * np.pi / rolls
     samples = in_batches(partial(scale_samples, roll_step=roll_step), train, rows, turns, axes)
     found = scales_of(samples)
     scales = np.array([*found[:5], LEAST_UNIQUENESS, *found[5:]], np.float32)
     measured = DeterminationScales(*map(jnp.float32, scales))
-    errors = in_batches(partial(rule_errors, roll_step=roll_step), test, rows, measured, turns, axes)
+    errors = np.full((len(test.group), len(RULES)), np.nan)
+    for g, own_rows in rows_by_group(table, unused, np.unique(test.group)):
+        own = np.flatnonzero(test.group == g)
+        error = partial(rule_errors, roll_step=roll_step)
+        errors[own] = in_batches(error, test.take(own), own_rows, measured, turns, axes)
     rate = np.full((group_count, len(RULES)), np.nan, np.float32)
     interval = np.full((group_count, len(RULES), 2), np.nan, np.float32)
     for g in range(group_count):
@@ -248,6 +258,16 @@ def measure_determination(
         draws=np.bincount(test.group, minlength=group_count).astype(np.int32),
         steps=tuple(c[0] for c in chosen), rotations_left=np.array([c[1] for c in chosen], np.int32), scales=scales,
     )
+
+
+def rows_by_group(
+    table: Appearances, uses: Float[np.ndarray, "groups 8"], groups: Int[np.ndarray, "n"]
+) -> Iterator[tuple[int, AppearanceArrays]]:
+    """The appearances of each group, as many rows for each: `rule_errors` asks no others of a draw of the group."""
+    of_row = table.group[table.attitude]
+    least = multiple_above(int(np.bincount(of_row).max()), GROUP_ROW_BATCH)
+    for g in groups:
+        yield int(g), appearance_arrays(table, uses, np.flatnonzero(of_row == g), least)
 
 
 def brothers_expected(table: Appearances, group_count: int) -> Bool[np.ndarray, "groups"]:

@@ -5,6 +5,7 @@ camera does) and cut into regions again. Half of the draws stand alone (what rec
 top), half beside another part that hides some of them and casts its shadow (what it sees of the rest of a bin).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -19,13 +20,22 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.features.region import RegionFeatures, with_brothers
 from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
-from itree_jax.tree.appearances import VIEWS_AT_ONCE, face_areas, measured, mesh_reach, window_camera
-from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.appearances import (
+    VIEWS_AT_ONCE,
+    PixelMaps,
+    face_areas,
+    measured,
+    mesh_reach,
+    pixels_of,
+    window_camera,
+)
+from itree_jax.tree.batches import streamed
 from itree_jax.tree.depth_draws import depth_camera_needles
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import AttitudeGroups, group_of_label, roll_rotation
 from itree_jax.tree.neighbours import alone, either, with_neighbours
 from itree_jax.tree.sights import (
+    NO_PIXELS,
     Region,
     describe_region,
     edges_of,
@@ -36,6 +46,7 @@ from itree_jax.tree.sights import (
     window_images,
 )
 
+NOTHING = pixels_of(NO_PIXELS, np.zeros((0, 0, 3), np.float32), np.zeros((0, 0, 2), np.float32))
 BESIDE_REACH = 2.0  # of the part's reach: no region of the same part is farther away
 
 
@@ -110,16 +121,25 @@ def noisy_draws(
     def of_batch(item: tuple[np.ndarray, np.random.Generator]) -> list[_Target]:
         return _targets(mesh, sensor, R_cam_obj, item[0], camera, pitch, reach, cut, item[1])
 
-    each = zip(batches, rng.spawn(len(batches)), strict=True)
-    found = sorted((t for batch in on_all_cores(of_batch, each) for t in batch), key=lambda t: t.index)
+    found: list[_Target] = []
+
+    def windows() -> Iterator[PixelMaps]:
+        each = zip(batches, rng.spawn(len(batches)), strict=True)
+        for batch in streamed(of_batch, each):
+            for t in batch:
+                found.append(t._replace(regions=[r.without_pixels() for r in t.regions], pixels=NOTHING))
+                yield t.pixels
+
+    features = measured(windows(), pitch, sensor_needle_deviation(sensor))
     if not found:
         raise ItreeError(
             f"Under the sensor's noise ({sensor.noise}) none of {len(R_cam_obj)} views of the part shows a region. "
             "Check the noise of the sensor, or lower its smallest region."
         )
-    masks, index = [t.regions[0].mask for t in found], np.array([t.index for t in found])
-    normals = [np.where(m[..., None], t.needles, 0.0) for m, t in zip(masks, found, strict=True)]
-    features = measured(masks, normals, [t.edges for t in found], pitch, sensor_needle_deviation(sensor))
+    in_order = np.argsort([t.index for t in found])
+    found = [found[k] for k in in_order]
+    features = jax.tree.map(lambda a: a[in_order], features)
+    index = np.array([t.index for t in found])
     beside = first_brothers([t.regions for t in found], np.asarray(features.inertia.alpha), BESIDE_REACH * reach)
     return Draws(
         with_brothers(features, beside), group[index], R_cam_obj[index], np.array([t.cut for t in found]),
@@ -132,8 +152,7 @@ class _Target(NamedTuple):
 
     index: int  # of the draw
     regions: list[Region]
-    needles: Float[np.ndarray, "s s 3"]
-    edges: Float[np.ndarray, "s s 2"]
+    pixels: PixelMaps
     face_area: Float[np.ndarray, "faces"]
     cut: bool
 
@@ -165,7 +184,8 @@ def _targets(
         if own:
             foreign = largest_regions(detectable[k] & ~own_pixels[k], least, most=1)
             regions = [describe_region(m, needles[k], depth[k], camera) for m in (*own, *foreign)]
-            found.append(_Target(int(batch[k]), regions, needles[k], edges[k], areas[k], bool(is_cut[k])))
+            pixels = pixels_of(own[0], needles[k], edges[k])
+            found.append(_Target(int(batch[k]), regions, pixels, areas[k], bool(is_cut[k])))
     return found
 
 

@@ -15,6 +15,7 @@ from itree_jax.tree.appearances import (
     inertia_table,
     measured,
     mesh_reach,
+    pixels_of,
     seen_attitudes,
     window_camera,
 )
@@ -29,11 +30,11 @@ def leaf_models(mesh: RayMesh, sensor: Sensor, groups: AttitudeGroups) -> tuple[
     R = groups.representative_rotations()
     seen = seen_attitudes(mesh, sensor, R, camera, pitch, sensor.smallest_region / pitch**2)
     largest = [a.regions[0].mask if a.regions else np.zeros((WINDOW_SIZE, WINDOW_SIZE), bool) for a in seen]
-    normals = [np.where(m[..., None], a.normal, 0.0) for m, a in zip(largest, seen, strict=True)]
+    windows = [pixels_of(mask, a.normal, a.edges) for mask, a in zip(largest, seen, strict=True)]
     needle_std = sensor_needle_deviation(sensor)
-    features = measured(largest, normals, [a.edges for a in seen], pitch, needle_std)
+    features = measured(windows, pitch, needle_std)
     return tuple(
-        _leaf_model(R[k], largest[k], normals[k], seen[k].edges, seen[k].regions, features, k, pitch, needle_std)
+        _leaf_model(R[k], *windows[k], seen[k].regions, features, k, pitch, needle_std)
         for k in range(len(R))
     )
 

@@ -15,6 +15,7 @@ from itree_kernels.apparent import ApparentShapes
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensing.needle import Array
+from itree_jax.tree.batches import filled, power_of_two_above
 
 STEP = 1.5  # [px] of the walk toward a light
 STEPS = 20  # to 30 px: beyond the half of a window
@@ -59,10 +60,9 @@ def with_neighbours(views: Views, L: Float[np.ndarray, "lights 3"], pitch: float
     shift = np.rint(apart[:, None] * np.stack([np.sin(around), np.cos(around)], axis=1)).astype(np.int32)
     lift = rng.uniform(-LIFT, LIFT, count) * reach
     neighbour = jax.tree.map(lambda a: np.asarray(a)[other], views)
-    return jax.tree.map(np.asarray, _put_beside(
-        views, neighbour, np.clip(shift, 1 - size, size - 1), lift.astype(np.float32), np.asarray(L, np.float32),
-        np.float32(pitch),
-    ))  # fmt: skip
+    each = (views, neighbour, np.clip(shift, 1 - size, size - 1), lift.astype(np.float32))
+    found = _put_beside(*filled(each, power_of_two_above(count)), np.asarray(L, np.float32), np.float32(pitch))
+    return jax.tree.map(lambda a: np.asarray(a)[:count], found)
 
 
 @jax.jit

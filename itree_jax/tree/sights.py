@@ -26,6 +26,7 @@ BRIGHTEST = 0.7  # of full scale: an exposure that leaves room for highlights
 PIXELS_AT_ONCE = (256, 256)  # solved in one call, so that one shape is compiled; background pixels are left out
 WINDOWS_AT_ONCE = 64  # edge maps of one compiled call
 MOST_REGIONS = 3  # regions kept per attitude, the largest ones
+NO_PIXELS = np.zeros((0, 0), bool)
 
 
 class Region(NamedTuple):
@@ -35,6 +36,10 @@ class Region(NamedTuple):
     centre: Float[np.ndarray, "3"]  # mean surface point [mm], camera frame
     normal: Float[np.ndarray, "3"]  # unit mean normal
     area: float  # of surface [mm^2]
+
+    def without_pixels(self) -> "Region":
+        """What is kept of many regions at once."""
+        return self._replace(mask=NO_PIXELS)
 
 
 def lit_images(

@@ -35,12 +35,17 @@ AGAIN = "Compile the part again (itree compile), or fetch the file again."
 
 def save_tree(tree: InterpretationTree, path: str | Path) -> None:
     """Writes the tree, whole or not at all. Raises ItreeError when the file cannot be written."""
+    write_whole(path, tree_bytes(tree))
+
+
+def tree_bytes(tree: InterpretationTree) -> bytes:
+    """The content of the tree's file."""
     arrays: Arrays = {}
     content = pack(tree, arrays)
     stored = {name: _npy_bytes(array) for name, array in sorted(arrays.items())}
     header = _json_bytes(_header(tree, content, stored))
     members = {HEADER: header, HEADER_SUM: _sha256(header).encode()}
-    write_whole(path, _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()}))
+    return _zip_bytes(members | {f"{name}.npy": data for name, data in stored.items()})
 
 
 def load_tree(path: str | Path) -> InterpretationTree:

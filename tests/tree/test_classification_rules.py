@@ -11,7 +11,14 @@ from itree_jax.features.polar import ANGLES, RADII
 from itree_jax.features.region import measure, measure_batch
 from itree_jax.features.relation import BROTHER_FIELDS
 from itree_jax.features.window import Window
-from itree_jax.tree.appearances import STORED_BROTHERS, measured, mesh_reach, turned, window_camera
+from itree_jax.tree.appearances import (
+    STORED_BROTHERS,
+    PixelMaps,
+    measured,
+    mesh_reach,
+    turned,
+    window_camera,
+)
 from itree_jax.tree.classification_rules import (
     CLASSIFICATION_RULES,
     PAIR,
@@ -201,7 +208,7 @@ def test_no_rotation_in_the_image_changes_what_distributions_compare(gem, flash)
         normals += list(np.where(shapes.detectable[..., None], shapes.normal, 0.0))
         images = window_images(shapes.face >= 0, shapes.normal, shapes.lit, flash)
         edges += list(np.asarray(window_edges(np.moveaxis(images, 0, 1), flash.noise)))
-    found = quantities(measured(masks, normals, edges, pitch, 0.02), NO_MODELS)
+    found = quantities(measured(map(PixelMaps, masks, normals, edges), pitch, 0.02), NO_MODELS)
     for rule, quantity in zip(DISTRIBUTIONS, found, strict=False):
         of_view = np.asarray(quantity).reshape(3, 24, -1)
         raster = of_view.std(axis=1).max()
