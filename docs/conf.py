@@ -1,4 +1,4 @@
-"""Sphinx: the pages of this folder and the docstrings of the public doors. See `docs/development.md` for the command."""
+"""Sphinx: the pages of this folder and the docstrings of the public doors; `development.md` has the command."""
 
 import sys
 import tomllib

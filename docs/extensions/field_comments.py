@@ -23,8 +23,9 @@ def add_fields(app: Any, what: str, name: str, obj: Any, options: Any, lines: li
     """Appends a list of fields to the docstring of a class that is all data."""
     if what != "class" or not (is_dataclass(obj) or hasattr(obj, "_fields")):
         return
+    lines += ["", "Fields:", ""]
     for field, words in field_comments(inspect.getsource(obj)).items():
-        lines += ["", f":ivar {field}: {words}" if words else f":ivar {field}:"]
+        lines.append(f"- `{field}`: {words}" if words else f"- `{field}`")
 
 
 def field_comments(source: str) -> dict[str, str]:
