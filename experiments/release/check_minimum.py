@@ -1,24 +1,20 @@
 """Installs the lowest versions that pyproject.toml allows into a new environment and runs a quick part of the tests.
 
-    python experiments/release/check_minimum.py [--tests PATH ...] [--keep DIR]
+    python experiments/release/check_minimum.py [--python PYTHON] [--tests PATH ...] [--keep DIR]
 
 Every dependency of the package and of the extras `EXTRAS` that has a lower bound is held at it; what they need in turn
 is the newest that fits. Prints the versions, and ends with the exit code of the tests. `--keep` leaves the environment.
 """
 
-import os
 import re
 import subprocess
 import sys
-import tempfile
 import tomllib
-import venv
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
+from environment import Environment, clean_variables, folder
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = ("sim", "figures", "view")
@@ -34,6 +30,8 @@ BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)(\[.*\])?>=(?P<version>[0-9.]+)$"
 class Config:
     tests: tuple[str, ...] = TESTS
     """What pytest runs."""
+    python: str | None = None
+    """Interpreter of the new environment; this one if none is named."""
     keep: Path | None = None
     """Folder for the environment; without it a temporary one is made and removed."""
 
@@ -42,14 +40,13 @@ def main(config: Config) -> int:
     """The exit code of the tests under the lowest versions."""
     lowest = lower_bounds(tomllib.loads((ROOT / "pyproject.toml").read_text()))
     with folder(config.keep) as place:
-        python = new_environment(place / "environment")
+        environment = Environment.new(place / "environment", config.python)
         held = place / "lowest.txt"
         held.write_text("".join(f"{name}=={version}\n" for name, version in lowest.items()))
-        install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-        subprocess.run([*install, "-c", held, f"{ROOT}[{','.join(EXTRAS)}]", *TOOLS], check=True)
-        print_versions(python, lowest)
-        command = [python.with_name("pytest"), "-q", "-p", "no:cacheprovider", "-W", "default", *config.tests]
-        return subprocess.run(command, cwd=ROOT, env=clean_environment()).returncode
+        environment.install("-c", held, f"{ROOT}[{','.join(EXTRAS)}]", *TOOLS)
+        print_versions(environment, lowest)
+        command = [environment.program("pytest"), "-q", "-p", "no:cacheprovider", "-W", "default", *config.tests]
+        return subprocess.run(command, cwd=ROOT, env=clean_variables()).returncode
 
 
 def lower_bounds(project: dict) -> dict[str, str]:
@@ -61,33 +58,10 @@ def lower_bounds(project: dict) -> dict[str, str]:
     return {match["name"]: match["version"] for match in found if match}
 
 
-@contextmanager
-def folder(keep: Path | None) -> Iterator[Path]:
-    if keep is not None:
-        keep.mkdir(parents=True, exist_ok=True)
-        yield keep.absolute()
-        return
-    with tempfile.TemporaryDirectory() as place:
-        yield Path(place)
-
-
-def new_environment(place: Path) -> Path:
-    """The interpreter of a new virtual environment of this Python."""
-    venv.create(place, with_pip=True, clear=True)
-    return place / "bin" / "python"
-
-
-def clean_environment() -> dict[str, str]:
-    """Without a path to a checkout: what is tested is what was installed."""
-    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-
-
-def print_versions(python: Path, lowest: dict[str, str]) -> None:
-    program = "import sys; from importlib.metadata import version; print(*map(version, sys.argv[1:]), sep='\\n')"
-    told = subprocess.run([python, "-c", program, *lowest], check=True, capture_output=True, text=True).stdout.split()
+def print_versions(environment: Environment, lowest: dict[str, str]) -> None:
     print("| package | lowest | installed |\n|---|---|---|")
-    for (name, bound), installed in zip(lowest.items(), told, strict=True):
-        print(f"| {name} | {bound} | {installed} |")
+    for (name, bound), installed in zip(lowest.items(), environment.versions(list(lowest)), strict=True):
+        print(f"| {name} | {bound} | {installed} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -9,9 +9,9 @@ import subprocess
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
-from .blocks import Block, commands_of, differs, shell_lines
-
 from itree_jax.cli.main import main
+
+from .blocks import Block, commands_of, differs, shell_lines
 
 
 class Workplace:
