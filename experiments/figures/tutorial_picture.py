@@ -15,7 +15,8 @@ from itree_jax.sensing.scene_folder import load_scene
 
 BRIGHTEST = 99.9  # percentile that is shown white
 DISPLAY_GAMMA = 2.2
-SCALE = 0.5  # of the image's size
+SCALE = 0.75  # of the image's size
+MIDDLE = slice(40, 440), slice(110, 530)  # [px] rows and columns that are shown: the bin
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Config:
 def main(config: Config) -> None:
     images = load_scene(config.scene).images
     shown = np.clip(images / np.percentile(images, BRIGHTEST), 0.0, 1.0) ** (1.0 / DISPLAY_GAMMA)
-    row = np.hstack([cv2.resize(image, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA) for image in shown])
+    row = np.hstack([cv2.resize(image[MIDDLE], None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA) for image in shown])
     cv2.imwrite(str(config.out), np.round(255.0 * row).astype(np.uint8))
 
 

@@ -21,7 +21,7 @@ EXTRAS = ("sim", "figures", "view")
 TOOLS = ("pytest>=8", "pytest-xdist>=3.6", "hypothesis>=6.100", "beartype>=0.19")  # of the tests, not of the package
 TESTS = (
     "tests/cad", "tests/kernels", "tests/sensing", "tests/features", "tests/grasp", "tests/world", "tests/simulate",
-    "tests/test_results.py", "tests/test_compile.py", "tests/test_recognition.py", "tests/tree/test_tree_file.py",
+    "tests/refinement", "tests/test_results.py", "tests/tree/test_tree_file.py",
 )  # fmt: skip
 BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)(\[.*\])?>=(?P<version>[0-9.]+)$")
 
