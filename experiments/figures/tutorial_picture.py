@@ -28,7 +28,8 @@ class Config:
 def main(config: Config) -> None:
     images = load_scene(config.scene).images
     shown = np.clip(images / np.percentile(images, BRIGHTEST), 0.0, 1.0) ** (1.0 / DISPLAY_GAMMA)
-    row = np.hstack([cv2.resize(image[MIDDLE], None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA) for image in shown])
+    middles = [image[MIDDLE] for image in shown]
+    row = np.hstack([cv2.resize(one, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA) for one in middles])
     cv2.imwrite(str(config.out), np.round(255.0 * row).astype(np.uint8))
 
 
