@@ -30,5 +30,6 @@ maximum_signature_line_length = 100
 html_theme = "furo"
 html_title = f"itree-jax {release}"
 html_static_path: list[str] = []
+html_show_copyright = False
 html_show_sourcelink = False
 html_theme_options = {"sidebar_hide_name": False}
