@@ -16,6 +16,7 @@ Table of contents. Names are imported when they are first used, so that `import 
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -103,6 +104,8 @@ __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return version("itree-jax")
     if name not in _HOME:
         raise AttributeError(f"module 'itree_jax' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)

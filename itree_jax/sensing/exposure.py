@@ -130,13 +130,14 @@ def check_different(
 def differing_share(
     a: Float[np.ndarray, "height width"], b: Float[np.ndarray, "height width"], noise: Noise
 ) -> float:
-    """Share of the lit pixels at which two images differ by more than noise and flicker, after one is scaled to the
-    other; 1 where nothing is lit."""
-    lit = _lit(a) & _lit(b)
-    if not lit.any():
+    """Share of the pixels lit in either image at which the two differ by more than noise and flicker, after one is
+    scaled to the other where both are lit; 1 where nothing is lit in both."""
+    lit_a, lit_b = _lit(a), _lit(b)
+    both, either = lit_a & lit_b, lit_a | lit_b
+    if not both.any():
         return 1.0
-    x, y = a[lit].astype(float), b[lit].astype(float)
-    scale = float(np.median(x / y))
+    scale = float(np.median(a[both].astype(float) / b[both]))
+    x, y = a[either].astype(float), b[either].astype(float)
     std = np.hypot(np.asarray(intensity_std(x, noise), float), scale * np.asarray(intensity_std(y, noise), float))
     return float((np.abs(x - scale * y) > 4.0 * np.hypot(std, FLICKER * x)).mean())
 

@@ -90,7 +90,7 @@ def photometric_stereo(
 
     A pixel is interpretable when three or more lights reach it unsaturated, they fit (each residual within 4 sigma of
     noise and model error; three lights always fit), the others are dark or brilliant enough to be shadows or
-    highlights, and the normal faces the camera. With `albedo_tolerance`, moreover |albedo / dominant albedo - 1| must
+    highlights, and the normal faces the camera. With `albedo_tolerance`, moreover `|albedo / dominant albedo - 1|` must
     be less: the one test that three lights leave, off by default because another material would fail it; `confidence`
     says the same softly.
 

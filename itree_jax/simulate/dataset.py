@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import trimesh
@@ -94,7 +94,7 @@ def write_model(part: Part, obj_id: int, folder: Path) -> None:
     """Adds a part's mesh and its entry of models_info.json to a data set's folder of models."""
     folder.mkdir(parents=True, exist_ok=True)
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
-    write_whole(folder / f"obj_{obj_id:06d}.ply", mesh.export(file_type="ply"))
+    write_whole(folder / f"obj_{obj_id:06d}.ply", cast(bytes, mesh.export(file_type="ply")))
     path = folder / "models_info.json"
     known = read_json_object(path) if path.is_file() else {}
     _write_json(path, known | {str(obj_id): model_info(part)})

@@ -74,5 +74,14 @@ def test_a_lamp_that_was_not_switched_is_refused(taken, exposure):
     assert differing_share(images[0], images[1], NOISE) > 0.3
 
 
+def test_a_face_that_only_one_light_reaches_tells_two_lights_apart():
+    """What both lights reach may be one flat face, which looks the same under both but for its brightness."""
+    a, b = np.full((40, 40), 0.02), np.full((40, 40), 0.02)
+    a[5:20, 5:35], b[5:20, 5:35] = 0.7, 0.3
+    a[20:25, 5:35], b[20:25, 5:35] = 0.03, 0.6
+    assert differing_share(a, b, NOISE) == pytest.approx(5 / 20)
+    assert differing_share(b, a, NOISE) == pytest.approx(5 / 20)
+
+
 def test_black_images_differ_in_nothing_that_could_be_told():
     assert differing_share(np.zeros((8, 8)), np.zeros((8, 8)), NOISE) == 1.0
