@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 from itree_kernels.errors import ItreeError
 from itree_kernels.whole_files import write_whole
+from trimesh.exchange.stl import export_stl
 
 from itree_cad.assemble import assemble_part, diameter, is_watertight
 from itree_cad.brep import brep_component_faces, read_step, scene_solids
@@ -64,7 +65,11 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
 def save_stl(part: Part, path: str | Path) -> None:
     """Writes the part as a binary STL, in [mm] (an STL does not say so). Raises ItreeError when it cannot."""
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
+<<<<<<< HEAD
     write_whole(path, cast(bytes, mesh.export(file_type="stl")))
+=======
+    write_whole(path, export_stl(mesh))
+>>>>>>> trust
 
 
 def _read_mesh(path: Path, units: str | None) -> tuple[list[RawSolid], str]:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -13,6 +13,7 @@ from itree_kernels.errors import ItreeError
 from itree_kernels.json_file import read_json_object
 from itree_kernels.whole_files import write_whole
 from jaxtyping import Float
+from trimesh.exchange.ply import export_ply
 
 from itree_jax.sensing.scene_writer import write_scene
 from itree_jax.sensor import Sensor
@@ -94,7 +95,7 @@ def write_model(part: Part, obj_id: int, folder: Path) -> None:
     """Adds a part's mesh and its entry of models_info.json to a data set's folder of models."""
     folder.mkdir(parents=True, exist_ok=True)
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
-    write_whole(folder / f"obj_{obj_id:06d}.ply", cast(bytes, mesh.export(file_type="ply")))
+    write_whole(folder / f"obj_{obj_id:06d}.ply", export_ply(mesh))
     path = folder / "models_info.json"
     known = read_json_object(path) if path.is_file() else {}
     _write_json(path, known | {str(obj_id): model_info(part)})
