@@ -1,7 +1,6 @@
 """CAD file -> Part, and Part -> STL."""
 
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import trimesh
@@ -65,11 +64,7 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
 def save_stl(part: Part, path: str | Path) -> None:
     """Writes the part as a binary STL, in [mm] (an STL does not say so). Raises ItreeError when it cannot."""
     mesh = trimesh.Trimesh(part.vertices, part.triangles, process=False)
-<<<<<<< HEAD
-    write_whole(path, cast(bytes, mesh.export(file_type="stl")))
-=======
     write_whole(path, export_stl(mesh))
->>>>>>> trust
 
 
 def _read_mesh(path: Path, units: str | None) -> tuple[list[RawSolid], str]:

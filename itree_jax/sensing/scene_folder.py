@@ -118,13 +118,8 @@ def _with_response_of(folder: Path, im_id: int, sensor: Sensor) -> Sensor:
     if told is not None and not camera.is_orthographic:
         where = f"{folder / 'scene_camera.json'}: the distance of the world's z = 0 by 'cam_t_w2c'"
         check_distances(told, sensor.working_distance, f"{where} beside the sensor's working distance")
-<<<<<<< HEAD
-    here, told_width = (c.width * c.mm_per_px(sensor.working_distance) for c in (camera, sensor.camera))
-    check_distances(here, told_width, f"{folder}: the field of view by 'cam_K' beside that of the sensor")
-=======
     seen, expected = (c.width * c.mm_per_px(sensor.working_distance) for c in (camera, sensor.camera))
     check_distances(seen, expected, f"{folder}: the field of view by 'cam_K' beside that of the sensor")
->>>>>>> trust
     size, sensor_size = (camera.width, camera.height), (sensor.camera.width, sensor.camera.height)
     if sensor.region_of_interest is not None and size != sensor_size:
         raise ItreeError(f"{folder}: images are {size} px, the sensor's region of interest is for {sensor_size} px")
