@@ -20,10 +20,10 @@ class Config:
 
 
 def main(config: Config) -> int:
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "--hypothesis-show-statistics", "tests/doors"]
+    command = [sys.executable, "-m", "pytest", "-n", "0", "--hypothesis-show-statistics", "tests/doors"]
     environment = {**os.environ, "ITREE_EXAMPLES": str(config.examples)}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    tried = [int(count) for count in re.findall(r"(\d+) passing examples", done.stdout)]
+    tried = [int(count) for count in re.findall(r"(\d+) passing, \d+ failing", done.stdout)]
     print("\n".join(done.stdout.splitlines()[-15:] if done.returncode else done.stdout.splitlines()[-1:]))
     print(f"{sum(tried)} examples passed, of {len(tried)} laws")
     return done.returncode

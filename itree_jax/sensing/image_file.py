@@ -11,6 +11,7 @@ from itree_kernels.npy_file import parse_npy
 from jaxtyping import Float, Num, UInt
 
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 BRIGHTEST_FLOAT = 2.0  # of full scale: what a lens correction may make of 1.0; counts of a converter are far beyond
 
 
@@ -29,6 +30,8 @@ def _decoded(path: Path) -> Num[np.ndarray, "..."]:
         raise ItreeError(f"{path}: the image cannot be read ({error.strerror})") from error
     if not content:
         raise ItreeError(f"{path}: the image file is empty; was it written to its end?")
+    if content.startswith(PNG_SIGNATURE) and not chunks_fit(content):
+        raise ItreeError(f"{path}: not an image that is whole: it is cut short, or damaged")
     try:
         if path.suffix == ".npy":
             return parse_npy(content, str(path))
@@ -38,6 +41,18 @@ def _decoded(path: Path) -> Num[np.ndarray, "..."]:
     if image is None:
         raise ItreeError(f"{path}: not an image, cut short, or a kind that is not understood; use 8- or 16-bit PNG")
     return image
+
+
+def chunks_fit(png: bytes) -> bool:
+    """Whether the chunks of a PNG end where the file does: OpenCV reserves what a chunk says that it has, 4 GB at most,
+    before it finds that the file is shorter."""
+    at = len(PNG_SIGNATURE)
+    while at + 12 <= len(png):  # length, name, ..., checksum
+        end = at + 12 + int.from_bytes(png[at : at + 4], "big")
+        if png[at + 4 : at + 8] == b"IEND":
+            return end <= len(png)
+        at = end
+    return False
 
 
 def read_image(path: Path) -> Num[np.ndarray, "height width"]:

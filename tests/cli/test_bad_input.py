@@ -130,6 +130,12 @@ def flip(folder: Path) -> None:
     image(folder).write_bytes(bytes(content))
 
 
+def long_chunk(folder: Path) -> None:
+    """The data of a PNG begins at byte 33 with their length."""
+    content = image(folder).read_bytes()
+    image(folder).write_bytes(content[:33] + b"\xff\xff" + content[35:])
+
+
 def as_folder(folder: Path) -> None:
     image(folder).unlink()
     image(folder).mkdir()
@@ -139,8 +145,9 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
     # images
     "missing": (lambda f: image(f).unlink(), "image 000000_01 (light 1) is missing"),
     "empty": (cut(image, 0.0), "000000_01.png: the image file is empty"),
-    "truncated": (cut(image, 0.7), "000000_01.png: not an image, cut short, or"),
+    "truncated": (cut(image, 0.7), "000000_01.png: not an image that is whole: it is cut short"),
     "damaged": (flip, "000000_01.png: not an image, cut short, or"),
+    "a chunk of 4 GB": (long_chunk, "000000_01.png: not an image that is whole"),
     "no image": (lambda f: image(f).write_text("hello"), "000000_01.png: not an image"),
     "a folder": (as_folder, "000000_01.png: the image cannot be read (Is a directory)"),
     "other size": (lambda f: cv2.imwrite(str(image(f)), stored(image(f))[1:]), "the image is 64 x 47 px, the first"),
@@ -161,7 +168,7 @@ SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
     "negative": (as_array(lambda a: -a), "000000_01.npy (light 1) is black"),
     "complex": (as_array(lambda a: a + 1j), "images must be 8-bit, 16-bit or float, this one is complex128"),
     # depth
-    "depth: truncated": (cut(lambda f: f / "depth" / "000000.png", 0.5), "depth/000000.png: not an image, cut short"),
+    "depth: truncated": (cut(lambda f: f / "depth" / "000000.png", 0.5), "depth/000000.png: not an image that is"),
     "depth: none": (lambda f: cv2.imwrite(str(f / "depth/000000.png"), np.zeros((HEIGHT, WIDTH), np.uint16)),
                     "the depth map has no depth"),
     "depth in m": (entry("scene_camera.json", "depth_scale", lambda s: 0.001 * s), "check 'depth_scale'"),

@@ -6,6 +6,7 @@ import pytest
 from itree_kernels.errors import ItreeError
 
 from itree_jax.sensing.ambient import subtract_ambient
+from itree_jax.sensing.image_file import chunks_fit
 from itree_jax.sensing.light_source import light_source
 from itree_jax.sensing.needle_files import decoded_normals, encoded_normals
 from itree_jax.sensing.needle_input import load_needle_input
@@ -148,3 +149,13 @@ def test_normals_survive_16_bits():
     assert np.isnan(again[0, 3]).all()
     np.testing.assert_allclose(again, normals, atol=2e-5)
     np.testing.assert_array_equal(encoded_normals(np.array([[[1.0, 0.0, -1.0]]])), [[[65535, 32768, 0]]])
+
+
+def test_a_png_is_whole_when_its_chunks_end_with_the_file():
+    ok, png = cv2.imencode(".png", np.arange(256, dtype=np.uint16).reshape(16, 16))
+    assert ok
+    content = png.tobytes()
+    assert chunks_fit(content)
+    assert chunks_fit(content + b"what a program put behind it")
+    assert not any(chunks_fit(content[:size]) for size in range(8, len(content)))
+    assert not chunks_fit(content[:33] + b"\xff\xff" + content[35:])  # 4 GB of data, which OpenCV would reserve
