@@ -21,5 +21,11 @@ def check_numbers(
         raise ItreeError(f"the depth map has a negative depth, {np.min(depth):.4g}; it is z in mm, 0 = none")
     if R_w2c is not None:
         R = np.asarray(R_w2c)
-        if R.shape != (3, 3) or not np.abs(R @ R.T - np.eye(3)).max() < ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+        if not _is_rotation(R):
             raise ItreeError(f"R_w2c is not a rotation matrix: {R.tolist()}")
+
+
+def _is_rotation(R: np.ndarray) -> bool:
+    if R.shape != (3, 3) or R.dtype.kind not in "iuf" or not (np.abs(R) < 2.0).all():
+        return False
+    return bool(np.abs(R @ R.T - np.eye(3)).max() < ROTATION_TOLERANCE and np.linalg.det(R) > 0.0)

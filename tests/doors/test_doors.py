@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from itree_cad.part_file import read_part_file
@@ -118,6 +118,7 @@ def test_numbers(value):
 
 @common
 @given(any_array, st.one_of(st.none(), any_array), st.one_of(st.none(), any_array))
+@example(np.zeros((3, 2, 2), np.float32), None, np.full((3, 3), 1e30, np.float32))
 def test_arrays_of_a_scene(images, depth, R_w2c):
     answered(check_numbers, images, depth, R_w2c)
 
