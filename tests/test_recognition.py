@@ -158,7 +158,7 @@ def test_an_empty_image_gives_no_answer(prepared, sensor):
 def test_without_a_depth_map_two_cameras_tell_where_parts_are_and_one_tells_how_they_are_turned(
     paper_tree, prepared, sensor
 ):
-    """Distance is what one camera knows least, and it says so: two state less than half of its deviation."""
+    """Distance is what one camera knows least, and it says so: two state less than two thirds of its deviation."""
     T_bin_obj = np.tile(np.eye(4), (2, 1, 1))
     T_bin_obj[:, :3, :3] = [R.as_matrix() for R in ATTITUDES[0]]
     T_bin_obj[:, :3, 3] = PLACES
@@ -180,7 +180,7 @@ def test_without_a_depth_map_two_cameras_tell_where_parts_are_and_one_tells_how_
         ]
         assert min(errors) < limit * paper_tree.part.diameter
     assert by_two.by_score[0].unobservable == ()
-    assert by_one.by_score[0].translation_std[2] > 2.0 * by_two.by_score[0].translation_std[2]
+    assert by_one.by_score[0].translation_std[2] > 1.5 * by_two.by_score[0].translation_std[2]
 
 
 def test_shapes_that_do_not_fit_the_sensor_are_refused(prepared, cases, sensor):

@@ -13,7 +13,14 @@ from jaxtyping import Bool, Float
 from itree_jax.features.characteristic_areas import CharacteristicArea, characteristic_areas
 from itree_jax.features.prominent_edges import Edge, prominent_edges
 from itree_jax.features.window import Window
-from itree_jax.tree.appearances import brothers_of_each, interpretable, measured, mesh_reach, window_camera
+from itree_jax.tree.appearances import (
+    brothers_of_each,
+    interpretable,
+    measured,
+    mesh_reach,
+    pixels_of,
+    window_camera,
+)
 from itree_jax.tree.sights import describe_region, largest_regions, needle_deviation, window_edges, window_images
 from itree_jax.tree.tree import InterpretationTree
 
@@ -50,7 +57,7 @@ def region_models(mesh: RayMesh, tree: InterpretationTree, group: int) -> tuple[
     edges = np.asarray(window_edges(np.moveaxis(images, 0, 1), sensor.noise))[0]
     needle_std = needle_deviation(sensor.noise)
     normals = [np.where(mask[..., None], shapes.normal[0], 0.0).astype(np.float32) for mask in masks]
-    features = measured(masks, normals, [edges] * len(masks), pitch, needle_std)
+    features = measured([pixels_of(mask, shapes.normal[0], edges) for mask in masks], pitch, needle_std)
     regions = [describe_region(mask, shapes.normal[0], shapes.depth[0], camera) for mask in masks]
     beside = brothers_of_each([regions], np.asarray(features.inertia.alpha))
     found = []

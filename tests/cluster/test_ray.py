@@ -17,6 +17,8 @@ from itree_jax.cluster import Failed, Product, ThisMachine, Unit, run_units, wor
 
 pytest.importorskip("ray", reason='Ray is not installed: pip install "itree-jax[cluster]"')
 PATIENCE = 60.0  # [s]
+# Ray starts its processes by a fork, of which JAX warns whoever has used it before; they run nothing of JAX's state
+pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
 
 
 @pytest.fixture(scope="module")

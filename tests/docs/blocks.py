@@ -97,7 +97,7 @@ def same_line(want: str, have: str) -> bool:
 
 def _plain(line: str) -> str:
     """Spaces and rulers of tables, which grow with the numbers, as one."""
-    return re.sub(r"━+", "━", re.sub(r" +", " ", line)).strip()
+    return re.sub(r"([━─ ])\1+", r"\1", line).strip()
 
 
 def _as_pattern(want: str) -> str:

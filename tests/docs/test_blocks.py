@@ -12,6 +12,7 @@ from .blocks import blocks_of, commands_of, differs, shell_lines
     ("done; 28 s. Look", "done; 7.5 s. Look"),
     ("keys [...]", "keys ['a', 'b']"),
     ("┃ 0.98 │ 73.8 │", "┃ 0.98  │ 5.1   │"),
+    ("└──────┘", "└─────┘"),
 ])  # fmt: skip
 def test_alike(shown, printed):
     assert differs(shown, printed) == ""

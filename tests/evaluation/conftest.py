@@ -58,7 +58,7 @@ def csv_of(tmp_path: Path) -> Callable[..., Path]:
 
     def write(poses, name: str = "results.csv", scene_id: int = 7) -> Path:
         rows = tuple(Detection(scene_id, 0, o, 0.9 - 0.01 * k, R, t) for k, (o, R, t) in enumerate(poses))
-        write_bop_csv([Detections(rows, time=1.5)], tmp_path / name)
+        write_bop_csv([Detections(rows, time=1.5, scene_id=scene_id)], tmp_path / name)
         return tmp_path / name
 
     return write

@@ -111,7 +111,7 @@ def test_a_part_without_its_tree_is_an_error(tmp_path, scene, detections, tree):
 
 def test_a_folder_that_cannot_be_written_is_an_error(tmp_path, scene, detections, tree):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ItreeError, match="cannot be written"):
+    with pytest.raises(ItreeError, match="its folder cannot be made"):
         write_scene_report(tmp_path / "file" / "s.html", scene, detections, [tree])
 
 
