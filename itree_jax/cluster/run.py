@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
-from itree_jax.cluster.store import Done, Store, write_whole
+from itree_jax.cluster.store import Done, Store
 from itree_jax.cluster.unit import Failed, Unit, Work
 from itree_jax.cluster.workers import Workers
 
