@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
+from itree_jax.refinement.coarse import coarse_mesh
 from itree_jax.refinement.hypotheses import NEARLY_SAME, turns_about_axes
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.solids import Solid, solid
@@ -59,7 +60,8 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     reach = mesh_reach(mesh)
     surface = padded_surface(smooth_surface(mesh))
-    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
+    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface,
+                        coarse_mesh(mesh, reach))
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), rival_turns(tree))
 

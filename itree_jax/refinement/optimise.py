@@ -21,6 +21,7 @@ from itree_kernels.warp_start import load_kernel
 from itree_kernels.windows import Rays, Windows, windows
 from jaxtyping import Float
 
+from itree_jax.refinement.coarse import LARGEST
 from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import ObservedMaps, seen_by
 from itree_jax.refinement.residuals import Deviations
@@ -46,6 +47,11 @@ class RefineModel:
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
     surface: SmoothSurface | None = None  # what the triangles stand for, padded likewise; None: themselves
+    coarse: RayMesh | None = None  # for rough windows (see `coarse_mesh`); None: the mesh itself
+
+    def mesh_for(self, size: int) -> RayMesh:
+        """What rays are cast at in windows of this many pixels per side."""
+        return self.coarse if self.coarse is not None and size <= LARGEST else self.mesh
 
 
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
@@ -141,11 +147,11 @@ def _refine_stage(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, views: Sequence[SeenBy],
     deviations: Deviations, stage: Stage, stride: int, jump: float, crease: float | None,
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    device, count = model.mesh.device, len(t)
+    mesh, device, count = model.mesh_for(stage.size), model.mesh.device, len(t)
     pose = poses_on_device(R, t, device)
     there = [pose, *(poses_on_device(R, t, device) for _ in views[1:])]
     seen = [windows(R, t, np.zeros((count, 2)), stage.size, stride, device, stage.contour) for _ in views]
-    rays = [Rays(model.mesh, by.camera, model.reach, jump if stage.contour else None, crease) for by in views]
+    rays = [Rays(mesh, by.camera, model.reach, jump if stage.contour else None, crease) for by in views]
     sums = row_sums(len(views), count, stage.size, device)
     turns = wp.array(np.stack([by.R_camera_first for by in views]).astype(np.float32), dtype=wp.mat33, device=device)
     spreads = spreads_of(*(float(v) for v in (
@@ -161,7 +167,7 @@ def _refine_stage(
                 follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
                 if any_stale(seen[view], first, last):
                     rays[view].cast(seen[view], first, last)
-                sum_rows(seen[view], there[view], by, model.mesh.normals_obj, gates, view, first, last, sums)
+                sum_rows(seen[view], there[view], by, mesh.normals_obj, gates, view, first, last, sums)
             step(pose, sums, spreads, turns, model.reach, first, last)
 
     rays[0].load()
@@ -190,7 +196,7 @@ def cast_in(
     """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
     device = model.mesh.device
     seen = windows(R, t, window_origins(by.camera, t, size, stride), size, stride, device, jump is not None)
-    rays = Rays(model.mesh, by.camera, model.reach, jump, None)
+    rays = Rays(model.mesh_for(size), by.camera, model.reach, jump, None)
 
     def cast_some(first: int, last: int) -> None:
         rays.cast(seen, first, last)

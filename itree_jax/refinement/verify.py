@@ -71,7 +71,7 @@ def _counts_in(
     counts = row_counts(len(t), size, model.mesh.device)
 
     def count(seen, first: int, last: int) -> None:
-        count_rows(seen, by, model.mesh.normals_obj, limits, first, last, counts)
+        count_rows(seen, by, model.mesh_for(size).normals_obj, limits, first, last, counts)
 
     seen = cast_in(by, R, t, model, size, stride, jump, count, agreement_kernel)
     return summed(counts), seen.origin_uv.numpy()
@@ -84,7 +84,7 @@ def visible_centres(
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
     origin = window_origins(camera, t, size, stride)
-    found = correspondences(model.mesh, R, t, camera, origin, size, stride, model.reach)
+    found = correspondences(model.mesh_for(size), R, t, camera, origin, size, stride, model.reach)
     j, i = np.meshgrid(np.arange(size), np.arange(size))
     uv = origin[:, None, None] + stride * np.stack([j, i], axis=-1)
     X_cam = camera.unproject(uv, found.depth)

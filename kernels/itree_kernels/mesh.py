@@ -27,6 +27,7 @@ class RayMesh:
     device: str  # Warp's name, "cpu" or "cuda:0"
     warp_mesh: wp.Mesh
     normals_obj: wp.array  # of vec3: triangle_normals on the device
+    across_edge: wp.array  # of int [3 triangles]: the one beyond the edge from each corner; empty unless closed
     face_ids: wp.array  # of int16: face_of_triangle on the device
 
 
@@ -47,6 +48,8 @@ def ray_mesh(
     radius = float(np.linalg.norm(vertices - centre, axis=1).max())
     reach = float(np.abs(vertices).max())
     name = warp_device(device)
+    closed = is_closed(triangles)
+    across = neighbours(triangles) if closed else np.zeros(0, np.int32)
     with quiet_warp():
         mesh = wp.Mesh(
             points=wp.array(vertices, dtype=wp.vec3, device=name),
@@ -59,11 +62,12 @@ def ray_mesh(
             triangle_normals=normals,
             centre=centre,
             radius=radius,
-            is_closed=is_closed(triangles),
+            is_closed=closed,
             shadow_offset=SHADOW_OFFSET * reach,
             device=name,
             warp_mesh=mesh,
             normals_obj=wp.array(normals, dtype=wp.vec3, device=name),
+            across_edge=wp.array(across, dtype=wp.int32, device=name),
             face_ids=wp.array(faces.astype(np.int16), dtype=wp.int16, device=name),
         )
 
@@ -76,6 +80,15 @@ def triangle_normals(
     cross = np.cross(b - a, c - a)
     length = np.linalg.norm(cross, axis=1, keepdims=True)
     return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+
+def neighbours(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "edges"]:
+    """Of a closed mesh, the triangle beyond each edge: entry 3 f + k is that of the edge from corner k of triangle f."""
+    there = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
+    count = there.max(initial=0) + 1
+    key, back = there @ [count, 1], there @ [1, count]
+    order = np.argsort(key)
+    return (order[np.searchsorted(key[order], back)] // 3).astype(np.int32)
 
 
 def is_closed(triangles: Int[np.ndarray, "triangles 3"]) -> bool:

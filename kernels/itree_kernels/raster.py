@@ -13,6 +13,8 @@ import warp as wp
 from itree_kernels.rays import image_point
 
 TRIANGLES_PER_PIXEL = 4  # of a window: with more of them, rays are faster
+SPARE = wp.constant(0.05)  # [window px] beside an edge in a row: roundings
+FLAT = wp.constant(1e-6)  # [window px] by which an edge rises: what does less has no side in a row
 ON_EDGE = wp.constant(1e-4)  # [window px^2] by which a pixel may lie outside of an edge: leaves no cracks
 
 
@@ -20,6 +22,19 @@ ON_EDGE = wp.constant(1e-4)  # [window px^2] by which a pixel may lie outside of
 def across(a: wp.vec2, b: wp.vec2, p: wp.vec2) -> float:
     """Twice the area of the triangle a, b, p: positive on one side of the edge, negative on the other."""
     return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+
+
+@wp.func
+def within(near: wp.vec2, turned: float, a: wp.vec2, b: wp.vec2, y: float) -> wp.vec2:
+    """Of the columns near[0] .. near[1] of row y, those on the inner side of an edge, and a little more."""
+    slope = -turned * (b[1] - a[1])
+    rest = turned * ((b[0] - a[0]) * (y - a[1]) + (b[1] - a[1]) * a[0]) + ON_EDGE
+    if wp.abs(slope) < FLAT:
+        return near
+    column = -rest / slope
+    if slope > 0.0:
+        return wp.vec2(wp.max(near[0], column - SPARE), near[1])
+    return wp.vec2(near[0], wp.min(near[1], column + SPARE))
 
 
 @wp.kernel(enable_backward=False)
@@ -81,8 +96,14 @@ def raster_kernel(
                     turned = wp.sign(area)
                     per_area = 1.0 / wp.abs(area)
                     for i in range(top, bottom + 1):
-                        for j in range(left, right + 1):
-                            p = wp.vec2(float(j), float(i))
+                        # of the row, what lies inside of all three edges: a sliver's box is mostly empty
+                        y = float(i)
+                        near = wp.vec2(float(left), float(right))
+                        near = within(near, turned, b, c, y)
+                        near = within(near, turned, c, a, y)
+                        near = within(near, turned, a, b, y)
+                        for j in range(int(wp.ceil(near[0])), int(wp.floor(near[1])) + 1):
+                            p = wp.vec2(float(j), y)
                             of_a = turned * across(b, c, p)
                             of_b = turned * across(c, a, p)
                             of_c = turned * across(a, b, p)

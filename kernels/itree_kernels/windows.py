@@ -14,10 +14,12 @@ from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
 from itree_kernels.raster import TRIANGLES_PER_PIXEL, raster_kernel
 from itree_kernels.rays import camera_vector, ray_direction, ray_origin, surface_point
+from itree_kernels.rim import ENDS, GOES_ON, rim_between
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
-CONTOUR_ERROR = 0.5  # [px] a contour point is found to about this, or to 1/4 of the stride if that is less
+CONTOUR_ERROR = 0.5  # [px] rays find a contour point to about this, or to 1/4 of the stride if that is less
+BESIDE_RIM = wp.constant(0.1)  # of the way from a rim to the pixel beyond it: where what lies behind is asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +143,35 @@ def crease_between(
 @wp.func
 def step_between(
     mesh: wp.uint64, R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, near: float, jump: float,
-    bisections: int, near_is_a: bool, far_hit: bool, za: float, zb: float, ua: wp.vec2, ub: wp.vec2,
+    bisections: int, near_is_a: bool, far_hit: bool, za: float, zb: float, ua: wp.vec2, ub: wp.vec2, a: int, b: int,
+    vertices: wp.array(dtype=wp.vec3), corners: wp.array(dtype=int), across_edge: wp.array(dtype=int),
+    normal_obj: wp.array(dtype=wp.vec3),
 ):
-    """(image point [px], z [mm] of the near side) of the occluding contour between two pixels; z = 0 where none is."""
+    """(image point [px], z [mm] of the near side) of the occluding contour between two pixels; z = 0 where none is.
+
+    Of a closed mesh it is walked to; where the walk is lost, and of an open mesh, rays halve the way.
+    """
+    if across_edge.shape[0] > 0:
+        near_a = near_is_a
+        said, uv, z = rim_between(
+            vertices, corners, across_edge, normal_obj, R, t, camera, orthographic, wp.where(near_a, a, b),
+            wp.where(near_a, ua, ub), wp.where(near_a, ub, ua),
+        )
+        if said == GOES_ON and far_hit:  # behind the other one: it is the other's rim
+            near_a = not near_is_a
+            said, uv, z = rim_between(
+                vertices, corners, across_edge, normal_obj, R, t, camera, orthographic, wp.where(near_a, a, b),
+                wp.where(near_a, ua, ub), wp.where(near_a, ub, ua),
+            )
+        if said == GOES_ON and far_hit:
+            return uv, 0.0  # one surface
+        if said == ENDS:
+            if far_hit:
+                beyond = uv + BESIDE_RIM * (wp.where(near_a, ub, ua) - uv)
+                tri, z_beyond = cast(mesh, R, t, beyond[0], beyond[1], camera, orthographic, near)
+                if tri >= 0 and wp.abs(z_beyond - z) < jump:
+                    return uv, 0.0
+            return uv, z
     inside = wp.where(near_is_a, ua, ub)
     outside = wp.where(near_is_a, ub, ua)
     z_near = wp.where(near_is_a, za, zb)
@@ -185,6 +213,9 @@ def contour_kernel(
     depth: wp.array3d(dtype=float),
     triangle: wp.array3d(dtype=int),
     normal_obj: wp.array(dtype=wp.vec3),
+    vertices: wp.array(dtype=wp.vec3),
+    corners: wp.array(dtype=int),
+    across_edge: wp.array(dtype=int),
     # Out:
     contour_uv_out: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth_out: wp.array(dtype=float, ndim=4),
@@ -227,7 +258,8 @@ def contour_kernel(
                             smooth = wp.where(near_is_a, gap, -gap) > -jump
                     if not smooth:
                         uv, z = step_between(
-                            mesh, R, t, camera, orthographic, near, jump, bisections, near_is_a, both, za, zb, ua, ub
+                            mesh, R, t, camera, orthographic, near, jump, bisections, near_is_a, both, za, zb, ua, ub,
+                            a, b, vertices, corners, across_edge, normal_obj,
                         )
                         contour_uv_out[h, side, i, j] = uv
                         contour_depth_out[h, side, i, j] = z
@@ -287,7 +319,8 @@ class Rays:
         wp.launch(
             contour_kernel, dim=(many, size),
             inputs=[*common, float(self.jump), bisections, sharpest, first, seen.stale, seen.depth, seen.triangle,
-                    self.mesh.normals_obj],
+                    self.mesh.normals_obj, self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices,
+                    self.mesh.across_edge],
             outputs=[seen.contour_uv, seen.contour_depth], device=seen.device,
         )
 
