@@ -75,14 +75,28 @@ def every_attitude(
     attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    R = np.einsum("rca,kab->rkcb", R_ray_cam[asked], R_ray_obj)
+    R = np.einsum("rca,kcb->rkab", R_ray_cam[asked], R_ray_obj)
     count = len(R_ray_obj)
     region, row = np.repeat(asked, count), np.tile(with_row[1][nearest], len(asked))
-    t = np.repeat(open_centres(prepared, sight, asked), count, axis=0)
+    open_ = open_centres(prepared, sight, asked)
+    t = np.repeat(open_, count, axis=0) - shown_beside(prepared, sight, R_ray_cam[asked], open_, rolls, views)
     poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.astype(np.float32))
-    shown = visible_centres(poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
-    poses = Hypotheses(poses.R_cam_obj, (2.0 * t - shown).astype(np.float32))
     return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
+
+
+def shown_beside(
+    prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "asked 3 3"], t_cam_obj: Float[np.ndarray, "asked 3"],
+    rolls: Float[np.ndarray, "rolls 3 3"], views: Float[np.ndarray, "views 3 3"],
+) -> Float[np.ndarray, "asked_views_rolls 3"]:
+    """How far from the part's origin the middle of what it shows lies [mm], for each region, view and roll.
+
+    Rolled about the ray, a part shows the same: each view is rendered once.
+    """
+    R = np.einsum("rca,kcb->rkab", R_ray_cam, views).reshape(-1, 3, 3).astype(np.float32)
+    t = np.repeat(t_cam_obj, len(views), axis=0).astype(np.float32)
+    shown = visible_centres(Hypotheses(R, t), prepared.model, sight.sensor.camera, PLACING_SIZE) - t
+    in_ray = np.einsum("rab,rvb->rva", R_ray_cam, shown.reshape(len(R_ray_cam), len(views), 3))
+    return np.einsum("rca,kcb,rvb->rvka", R_ray_cam, rolls, in_ray).reshape(-1, 3)
 
 
 def open_centres(

@@ -79,14 +79,16 @@ def best_of_each_region(
     for region in np.unique(hypotheses.region):
         order = np.flatnonzero(hypotheses.region == region)
         order = order[np.argsort(-score[order], kind="stable")]
-        repeats = pose_distances(R[order], t[order], diameter) < NEARLY_SAME * diameter
-        open_ = np.ones(len(order), bool)
-        chosen: list[int] = []
-        for k in range(len(order)):
-            if open_[k] and len(chosen) < most:
-                chosen.append(int(order[k]))
-                open_ &= ~repeats[k]
-        kept += chosen
+        R_open, t_open = R[order].reshape(-1, 9), t[order]
+        for _ in range(most):
+            kept.append(int(order[0]))
+            turn = np.arccos(np.clip((R_open @ R_open[0] - 1.0) / 2.0, -1.0, 1.0))
+            apart = np.sqrt(np.square(t_open - t_open[0]).sum(axis=1)) + turn * (diameter / 2.0)
+            other = apart >= NEARLY_SAME * diameter
+            other[0] = False
+            order, R_open, t_open = order[other], R_open[other], t_open[other]
+            if not len(order):
+                break
     return np.array(kept, int)
 
 
@@ -97,15 +99,6 @@ def pose_distance(
     """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
     cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
     return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
-
-
-def pose_distances(
-    R: Float[np.ndarray, "n 3 3"], t: Float[np.ndarray, "n 3"], diameter: float
-) -> Float[np.ndarray, "n n"]:
-    """`pose_distance` of every pair."""
-    flat = np.asarray(R, np.float64).reshape(-1, 9)
-    turn = np.arccos(np.clip((flat @ flat.T - 1.0) / 2.0, -1.0, 1.0))
-    return np.linalg.norm(t[:, None] - t[None], axis=-1) + turn * diameter / 2.0
 
 
 def turns_about_axes(

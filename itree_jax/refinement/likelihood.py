@@ -81,6 +81,6 @@ def _seen_by(
     def weigh(seen, first: int, last: int) -> None:
         weigh_rows(seen, by, model.mesh_for(size).normals_obj, reckoned, first, last, weighed)
 
-    seen = cast_in(by, R, t, model, size, stride, edges, weigh, weighing_kernel)
+    seen = cast_in(by.camera, R, t, model, size, stride, edges, weigh, weighing_kernel)
     rows = (a.numpy().sum(axis=1) for a in (weighed.lit, weighed.contour))
     return weighed.pixels.numpy(), weighed.hidden.numpy(), *rows, seen.origin_uv.numpy()

@@ -190,13 +190,13 @@ def any_stale(seen: Windows, first: int, last: int) -> bool:
 
 
 def cast_in(
-    by: SeenBy, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, size: int, stride: int,
-    jump: float | None, read: Callable[[Windows, int, int], None], *kernels: Any,
+    camera: Camera, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, size: int,
+    stride: int, jump: float | None, read: Callable[[Windows, int, int], None], *kernels: Any,
 ) -> Windows:
     """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
     device = model.mesh.device
-    seen = windows(R, t, window_origins(by.camera, t, size, stride), size, stride, device, jump is not None)
-    rays = Rays(model.mesh_for(size), by.camera, model.reach, jump, None)
+    seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, jump is not None)
+    rays = Rays(model.mesh_for(size), camera, model.reach, jump, None)
 
     def cast_some(first: int, last: int) -> None:
         rays.cast(seen, first, last)

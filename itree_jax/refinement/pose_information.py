@@ -24,7 +24,7 @@ from itree_jax.refinement.optimise import (
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
 
-BATCH = 8  # poses that the compiled function takes at once: one shape is compiled, and memory stays that of one batch
+BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
 
 
 def equations_at(

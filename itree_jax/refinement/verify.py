@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import warp as wp
 from itree_kernels.agreement import agreement_kernel, count_rows, limits_of, row_counts, summed
 from itree_kernels.camera import Camera
-from itree_kernels.correspond import correspondences
 from itree_kernels.scene_maps import SeenBy
+from itree_kernels.shown_centre import centre_kernel, mean_shown
+from itree_kernels.windows import Windows
 from jaxtyping import Float
 
 from itree_jax.refinement.observed import ObservedMaps, seen_by
@@ -16,7 +18,6 @@ from itree_jax.refinement.optimise import (
     OtherView,
     RefineModel,
     cast_in,
-    window_origins,
     window_stride,
 )
 from itree_jax.sensing.needle import Array
@@ -73,7 +74,7 @@ def _counts_in(
     def count(seen, first: int, last: int) -> None:
         count_rows(seen, by, model.mesh_for(size).normals_obj, limits, first, last, counts)
 
-    seen = cast_in(by, R, t, model, size, stride, jump, count, agreement_kernel)
+    seen = cast_in(by.camera, R, t, model, size, stride, jump, count, agreement_kernel)
     return summed(counts), seen.origin_uv.numpy()
 
 
@@ -83,12 +84,10 @@ def visible_centres(
     """Mean of the surface points that each pose shows, camera frame [mm]; its origin where it shows none."""
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
-    origin = window_origins(camera, t, size, stride)
-    found = correspondences(model.mesh_for(size), R, t, camera, origin, size, stride, model.reach)
-    j, i = np.meshgrid(np.arange(size), np.arange(size))
-    uv = origin[:, None, None] + stride * np.stack([j, i], axis=-1)
-    X_cam = camera.unproject(uv, found.depth)
-    hit = (found.triangle >= 0)[..., None]
-    number = hit.sum(axis=(1, 2))
-    mean = np.where(hit, X_cam, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1)
-    return np.where(number > 0, mean, t).astype(np.float32)
+    centre = wp.empty(len(t), dtype=wp.vec3, device=model.mesh.device)
+
+    def mean(seen: Windows, first: int, last: int) -> None:
+        mean_shown(seen, camera, first, last, centre)
+
+    cast_in(camera, R, t, model, size, stride, None, mean, centre_kernel)
+    return centre.numpy()

@@ -23,7 +23,7 @@ from itree_jax.sensing.needle import NeedleMap
 DEGREE = 3  # squares and cubes of b carry a broad lobe; higher orders only follow the errors of the reference
 LENGTH_DEGREE = 4  # of the length of b over the normal's x and y: a lobe is a bump
 LEAST_PIXELS = 500  # 20 coefficients each from 25 pixels
-MOST_PIXELS = 8000  # of a set: more only take time, since neighbours share their errors
+MOST_PIXELS = 4000  # of a set, 200 for each coefficient: more only take time, since neighbours share their errors
 LEAST_GAIN = 0.1  # the error on pixels left out must fall by so much: less is what the fit's own scatter may do
 LAW_OFF = 1.5  # times what sensor noise makes of the error, or more: less is not the law's fault
 MEDIAN_OF_RMS = np.sqrt(np.log(2.0))  # of a Gaussian deviation in two directions
@@ -139,7 +139,10 @@ def _b(needle: NeedleMap) -> Float[np.ndarray, "height width 3"]:
 
 
 def _map(coefficients: Float[np.ndarray, "terms 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    n = normal_terms(b) @ coefficients
+    return _unit(normal_terms(b) @ coefficients)
+
+
+def _unit(n: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     return n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-9)
 
 
@@ -171,7 +174,7 @@ def _fit_normals(b: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"])
     coefficients = np.zeros((terms.shape[1], 3))
     for k in range(ITERATIONS):
         coefficients = _ridge(terms, normals, weight)
-        angle = _angles(_map(coefficients, b), normals)
+        angle = _angles(_unit(terms @ coefficients), normals)
         scale = max(np.median(angle) / 0.6745, WIDE * 0.5**k, 1e-4)
         weight = np.clip(1.0 - (angle / (TUKEY * scale)) ** 2, 0.0, 1.0) ** 2
     return coefficients
