@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+from itree_kernels.face_mean import face_mean
 from itree_kernels.instances import Material
 from itree_kernels.lit_scene import LitScene, render_scene
 from itree_kernels.mesh import RayMesh
@@ -87,7 +88,7 @@ def light_between(
     scene = (meshes, np.arange(len(meshes)), R_cam_obj, t_cam_obj, sensor.camera, sensor.light_directions,
              sensor.light_intensities, Material(albedo))  # fmt: skip
     shown = render_scene(*scene)
-    return mean_over_face(reflected_light(*scene, samples=PATHS), shown), shown
+    return mean_over_face(reflected_light(*scene, samples=PATHS, shown=shown), shown), shown
 
 
 def strength_in_shadows(
@@ -116,21 +117,4 @@ def mean_over_face(
     light: Float[np.ndarray, "lights height width"], shown: LitScene
 ) -> Float[np.ndarray, "lights height width"]:
     """The mean over the pixels within `REACH` that show the same part facing the same way; 0 where no part is."""
-    total, count = np.zeros_like(light), np.zeros(light.shape[1:], np.float32)
-    for down in range(-REACH, REACH + 1):
-        for right in range(-REACH, REACH + 1):
-            here, there = _shifted(down, right, light.shape[1:])
-            same = (shown.instance[here] >= 0) & (shown.instance[here] == shown.instance[there])
-            same &= np.einsum("...k,...k", shown.normal[here], shown.normal[there]) > ONE_FACE
-            total[:, *here] += same * light[:, *there]
-            count[here] += same
-    return total / np.maximum(count, np.float32(1.0))
-
-
-def _shifted(down: int, right: int, shape: tuple[int, int]) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Slices of the pixels that have a neighbour so far down and to the right [px], and of these neighbours."""
-    pairs = [
-        (slice(max(0, -by), max(0, size - by)), slice(max(0, by), max(0, size + by)))
-        for by, size in zip((down, right), shape, strict=True)
-    ]
-    return (pairs[0][0], pairs[1][0]), (pairs[0][1], pairs[1][1])
+    return face_mean(light, shown.instance, shown.normal, REACH, ONE_FACE)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+import jax
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
@@ -238,7 +239,7 @@ def interpret(
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, model, sensor = prepared.tree, prepared.model, sight.sensor
     features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * model.reach)
-    classification = classify(features, prepared.classification)
+    classification = jax.device_get(classify(features, prepared.classification))
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
     )

@@ -45,7 +45,7 @@ class CameraArrays(NamedTuple):
 
 def camera_arrays(camera: Camera) -> CameraArrays:
     values = (camera.fx, camera.fy, camera.cx, camera.cy, 0.0 if camera.is_orthographic else 1.0)
-    return CameraArrays(*(jnp.float32(v) for v in values))
+    return CameraArrays(*(np.float32(v) for v in values))
 
 
 def seen_by(

@@ -14,9 +14,9 @@ from itree_kernels.apparent import checked_lights
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 from itree_kernels.instances import Instances, Material, common_device, scene_instances
-from itree_kernels.lit_scene import blocked, misses_sphere
+from itree_kernels.lit_scene import LitScene, blocked, misses_sphere, render_scene
 from itree_kernels.mesh import RayMesh
-from itree_kernels.rays import camera_vector, depth_before_sphere, ray_direction, ray_origin
+from itree_kernels.rays import camera_vector, ray_direction, surface_point
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
@@ -59,24 +59,23 @@ def reflected_kernel(
     intensities: wp.array(dtype=float),
     samples: int,
     seed: int,
+    instance: wp.array2d(dtype=wp.int16),
+    depth: wp.array2d(dtype=float),
+    normals: wp.array2d(dtype=wp.vec3),
     first_row: int,
     # Out:
     images_out: wp.array3d(dtype=float),
 ):
     row, j = wp.tid()
     i = first_row + row
-    origin = ray_origin(float(j), float(i), camera, orthographic)
-    unit = wp.normalize(ray_direction(float(j), float(i), camera, orthographic))
-    start = float(FAR)
-    for k in range(scene.mesh.shape[0]):
-        start = wp.min(start, depth_before_sphere(origin, unit, scene.centre_cam[k], scene.radius[k], orthographic))
-    first, first_triangle, first_distance = nearest_hit(scene, origin + start * unit, unit)
+    first = int(instance[i, j])
     if first < 0:
         return
-    normal_first = scene.R_cam_obj[first] * normals_obj[scene.first_triangle[first] + first_triangle]
-    X_first = origin + (start + first_distance) * unit + scene.shadow_offset[first] * normal_first
-    if wp.dot(normal_first, unit) >= 0.0:
+    normal_first = normals[i, j]
+    if wp.dot(normal_first, ray_direction(float(j), float(i), camera, orthographic)) >= 0.0:
         return
+    X_first = surface_point(float(j), float(i), depth[i, j], camera, orthographic)
+    X_first = X_first + scene.shadow_offset[first] * normal_first
     state = wp.rand_init(seed, i * images_out.shape[2] + j)
     for _ in range(samples):
         X_cam = X_first
@@ -111,11 +110,12 @@ def reflected_light(
     material: Material,
     samples: int,
     seed: int = 0,
+    shown: LitScene | None = None,
 ) -> Float[np.ndarray, "lights height width"]:
     """What one and two interreflections add to the images of `render_scene` (the Lambertian part of the material).
 
     Each pixel's `samples` paths scatter by the cosine law; the mean has their spread, some 5 % / sqrt(samples) of full
-    albedo between parts. The same seed gives the same images, on any number of threads. Raises ItreeError when the
+    albedo between parts. `shown`: what `render_scene` made of the same scene, if it did. The same seed gives the same images, on any number of threads. Raises ItreeError when the
     arrays do not match in length or `samples` is not positive.
     """
     lights = checked_lights(light_directions)
@@ -125,6 +125,10 @@ def reflected_light(
             f"{len(lights)} light directions need as many intensities, not {intensities.shape}, and at least one "
             f"sample, not {samples}"
         )
+    if shown is None:
+        shown = render_scene(
+            meshes, mesh_of_instance, R_cam_obj, t_cam_obj, camera, light_directions, light_intensities, material
+        )
     device = common_device(meshes)
     scene = scene_instances(meshes, mesh_of_instance, R_cam_obj, t_cam_obj, material, device)
     images = wp.zeros((len(lights), camera.height, camera.width), dtype=float, device=device)
@@ -132,6 +136,8 @@ def reflected_light(
         scene, wp.array(np.concatenate([mesh.triangle_normals for mesh in meshes]), dtype=wp.vec3, device=device),
         camera_vector(camera), int(camera.is_orthographic), wp.array(lights, dtype=wp.vec3, device=device),
         wp.array(intensities, dtype=float, device=device), int(samples), int(seed),
+        wp.array(shown.instance, dtype=wp.int16, device=device), wp.array(shown.depth, dtype=float, device=device),
+        wp.array(shown.normal, dtype=wp.vec3, device=device),
     ]  # fmt: skip
 
     def trace_rows(first: int, last: int) -> None:
