@@ -89,6 +89,7 @@ def agreement_kernel(
     triangle: wp.array3d(dtype=int),
     contour_uv: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth: wp.array(dtype=float, ndim=4),
+    contour_column: wp.array(dtype=int, ndim=4),
     normal_obj: wp.array(dtype=wp.vec3),
     maps: SceneMaps,
     stride: float,
@@ -150,32 +151,34 @@ def agreement_kernel(
     missed = wp.float32(0.0)
     if contour_depth.shape[2] > 0:
         for side in range(2):
-            for j in range(size):
+            for m in range(size):
+                j = contour_column[h, side, i, m]
+                if j < 0:
+                    break
                 z = contour_depth[h, side, i, j]
-                if z > 0.0:
-                    uv = contour_uv[h, side, i, j]
-                    beyond = hit_depth(depth, triangle, h, i + side, j + 1 - side)
-                    toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, CONTOUR_STEP, -CONTOUR_STEP)
-                    shift = wp.where(side == 0, wp.vec2(toward, 0.0), wp.vec2(0.0, toward))
-                    inner = depth_at(maps, uv - shift)
-                    outer = depth_at(maps, uv + shift)
-                    steps = outer > 0.0 and wp.abs(outer - inner) > 0.5 * limits.jump
-                    at_edge = wp.bool(False)
-                    if limits.edge > 0.0:
-                        at_edge = edge_distance(maps, uv) < limits.edge
-                    # only where the contour itself is seen: inside of it the scene is at the pose's depth
-                    if inner > 0.0:
-                        if wp.abs(inner - z) < limits.jump:
-                            # depth sensors lose the far side of a step: where nothing was measured outside, the surface
-                            # has ended. Depth from two cameras isn't known where no needle is: there an edge has to
-                            # tell
-                            if steps or wp.where(limits.edge > 0.0, at_edge, outer <= 0.0):
-                                found += 1.0
-                            else:
-                                missed += 1.0
-                    elif limits.edge > 0.0:
-                        found += wp.where(at_edge, BLIND, 0.0)
-                        missed += wp.where(at_edge, 0.0, BLIND)
+                uv = contour_uv[h, side, i, j]
+                beyond = hit_depth(depth, triangle, h, i + side, j + 1 - side)
+                toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, CONTOUR_STEP, -CONTOUR_STEP)
+                shift = wp.where(side == 0, wp.vec2(toward, 0.0), wp.vec2(0.0, toward))
+                inner = depth_at(maps, uv - shift)
+                outer = depth_at(maps, uv + shift)
+                steps = outer > 0.0 and wp.abs(outer - inner) > 0.5 * limits.jump
+                at_edge = wp.bool(False)
+                if limits.edge > 0.0:
+                    at_edge = edge_distance(maps, uv) < limits.edge
+                # only where the contour itself is seen: inside of it the scene is at the pose's depth
+                if inner > 0.0:
+                    if wp.abs(inner - z) < limits.jump:
+                        # depth sensors lose the far side of a step: where nothing was measured outside, the surface
+                        # has ended. Depth from two cameras isn't known where no needle is: there an edge has to
+                        # tell
+                        if steps or wp.where(limits.edge > 0.0, at_edge, outer <= 0.0):
+                            found += 1.0
+                        else:
+                            missed += 1.0
+                elif limits.edge > 0.0:
+                    found += wp.where(at_edge, BLIND, 0.0)
+                    missed += wp.where(at_edge, 0.0, BLIND)
     counts[h, i] = counts7(agreeing, closeness, needles_agreeing, contradicting, hidden, found, missed)
 
 
@@ -198,7 +201,8 @@ def count_rows(
     wp.launch(
         agreement_kernel, dim=(last - first, seen.size),
         inputs=[
-            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth, normal_obj,
+            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth,
+            seen.contour_column, normal_obj,
             by.maps, float(seen.stride), limits, first,
         ],
         outputs=[counts], device=seen.device,

@@ -83,7 +83,7 @@ def triangle_normals(
 
 
 def neighbours(triangles: Int[np.ndarray, "triangles 3"]) -> Int[np.ndarray, "edges"]:
-    """Of a closed mesh, the triangle beyond each edge: entry 3 f + k is that of the edge from corner k of triangle f."""
+    """Of a closed mesh, the triangle beyond each edge: entry 3 f + k is for the edge from corner k of triangle f."""
     there = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64)
     count = there.max(initial=0) + 1
     key, back = there @ [count, 1], there @ [1, count]

@@ -72,6 +72,7 @@ def equations_kernel(
     triangle: wp.array3d(dtype=int),
     contour_uv: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth: wp.array(dtype=float, ndim=4),
+    contour_column: wp.array(dtype=int, ndim=4),
     normal_obj: wp.array(dtype=wp.vec3),
     maps: SceneMaps,
     camera: wp.vec4,
@@ -144,29 +145,31 @@ def equations_kernel(
     gradient = wp.spatial_vector()
     if contour_depth.shape[2] > 0:
         for side in range(2):
-            for j in range(size):
+            for m in range(size):
+                j = contour_column[h, side, i, m]
+                if j < 0:
+                    break
                 z = contour_depth[h, side, i, j]
-                if z > 0.0:
-                    at = contour_uv[h, side, i, j]
-                    arm = turn * (surface_point(at[0], at[1], z, camera, orthographic) - t_cast)
-                    X = arm + t
-                    uv = image_point(X, camera, orthographic)
-                    column = int(wp.rint(2.0 * uv[0]))
-                    row = int(wp.rint(2.0 * uv[1]))
-                    if column >= 0 and column < half_width and row >= 0 and row < half_height:
-                        edge = maps.edge_label[row, column]
-                        z_edge = maps.edge_depth[edge]
-                        # an edge at another depth belongs to another part
-                        if z_edge <= 0.0 or wp.abs(z_edge - X[2]) < 2.0 * gates.depth:
-                            gap = uv - maps.edge_uv[edge]
-                            w = tukey(wp.length_sq(gap) / (gates.contour * gates.contour))
-                            if w > 0.0:
-                                direction = maps.edge_normal[edge]
-                                push = push_of(X, direction, camera, orthographic)
-                                J = wp.spatial_vector(wp.cross(arm, push), push)
-                                count += w
-                                hessian += wp.outer(w * J, J)
-                                gradient += (w * wp.dot(gap, direction)) * J
+                at = contour_uv[h, side, i, j]
+                arm = turn * (surface_point(at[0], at[1], z, camera, orthographic) - t_cast)
+                X = arm + t
+                uv = image_point(X, camera, orthographic)
+                column = int(wp.rint(2.0 * uv[0]))
+                row = int(wp.rint(2.0 * uv[1]))
+                if column >= 0 and column < half_width and row >= 0 and row < half_height:
+                    edge = maps.edge_label[row, column]
+                    z_edge = maps.edge_depth[edge]
+                    # an edge at another depth belongs to another part
+                    if z_edge <= 0.0 or wp.abs(z_edge - X[2]) < 2.0 * gates.depth:
+                        gap = uv - maps.edge_uv[edge]
+                        w = tukey(wp.length_sq(gap) / (gates.contour * gates.contour))
+                        if w > 0.0:
+                            direction = maps.edge_normal[edge]
+                            push = push_of(X, direction, camera, orthographic)
+                            J = wp.spatial_vector(wp.cross(arm, push), push)
+                            count += w
+                            hessian += wp.outer(w * J, J)
+                            gradient += (w * wp.dot(gap, direction)) * J
     sums.contour_count[view, h, i] = count
     sums.contour_hessian[view, h, i] = hessian
     sums.contour_gradient[view, h, i] = gradient
@@ -207,7 +210,7 @@ def sum_rows(
         equations_kernel, dim=(last - first, seen.size),
         inputs=[
             now.R_cam_obj, now.t_cam_obj, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, seen.depth, seen.triangle,
-            seen.contour_uv, seen.contour_depth, normal_obj, by.maps, camera_vector(by.camera),
+            seen.contour_uv, seen.contour_depth, seen.contour_column, normal_obj, by.maps, camera_vector(by.camera),
             int(by.camera.is_orthographic), float(seen.stride), gates, view, first,
         ],
         outputs=[sums], device=seen.device,

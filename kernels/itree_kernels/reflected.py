@@ -115,8 +115,9 @@ def reflected_light(
     """What one and two interreflections add to the images of `render_scene` (the Lambertian part of the material).
 
     Each pixel's `samples` paths scatter by the cosine law; the mean has their spread, some 5 % / sqrt(samples) of full
-    albedo between parts. `shown`: what `render_scene` made of the same scene, if it did. The same seed gives the same images, on any number of threads. Raises ItreeError when the
-    arrays do not match in length or `samples` is not positive.
+    albedo between parts. `shown`: what `render_scene` made of the same scene, if it did. The same seed gives the same
+    images, on any number of threads. Raises ItreeError when the arrays do not match in length or `samples` is not
+    positive.
     """
     lights = checked_lights(light_directions)
     intensities = np.ascontiguousarray(light_intensities, dtype=np.float32)

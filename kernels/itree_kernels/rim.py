@@ -1,8 +1,8 @@
 """Where a surface ends in the image on the way from one window pixel to the next: a walk over its triangles.
 
-Between two pixels that see different surfaces runs the rim of the nearer one. From the nearer pixel the way leads across
-the edges of triangles until one faces away: that edge is the rim, to rounding. Rays would find it by halving the way,
-half a microsecond each.
+Between two pixels that see different surfaces runs the rim of the nearer one. From the nearer pixel the way leads
+across the edges of triangles until one faces away: that edge is the rim, to rounding. Rays would find it by halving the
+way, half a microsecond each.
 """
 # Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false

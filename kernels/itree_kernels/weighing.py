@@ -105,6 +105,7 @@ def weighing_kernel(
     triangle: wp.array3d(dtype=int),
     contour_uv: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth: wp.array(dtype=float, ndim=4),
+    contour_column: wp.array(dtype=int, ndim=4),
     normal_obj: wp.array(dtype=wp.vec3),
     maps: SceneMaps,
     stride: float,
@@ -160,10 +161,12 @@ def weighing_kernel(
     total = wp.float32(0.0)
     if contour_depth.shape[2] > 0 and errors.edge > 0.0:
         for side in range(2):
-            for j in range(size):
-                if contour_depth[h, side, i, j] > 0.0:
-                    at_edge = edge_distance(maps, contour_uv[h, side, i, j]) < errors.edge
-                    total += wp.where(at_edge, edge_yes, edge_no)
+            for m in range(size):
+                j = contour_column[h, side, i, m]
+                if j < 0:
+                    break
+                at_edge = edge_distance(maps, contour_uv[h, side, i, j]) < errors.edge
+                total += wp.where(at_edge, edge_yes, edge_no)
     contour[h, i] = 0.5 * total  # contour points are counted along rows and along columns
 
 
@@ -200,7 +203,8 @@ def weigh_rows(
     wp.launch(
         weighing_kernel, dim=(last - first, seen.size),
         inputs=[
-            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth, normal_obj,
+            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth,
+            seen.contour_column, normal_obj,
             by.maps, float(seen.stride), errors, EDGE_YES, EDGE_NO, first,
         ],
         outputs=[weighed.pixels, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,

@@ -37,6 +37,7 @@ class Windows:
     triangle: wp.array  # [h, s, s], -1 where the part is missed
     contour_uv: wp.array  # [h, 2, s, s] of vec2: crossing toward the right / lower neighbour [px]; may be empty
     contour_depth: wp.array  # [h, 2, s, s] z [mm] of the near side there, 0 where no contour
+    contour_column: wp.array  # [h, 2, s, s + 1] of int: columns of each row with a contour, ended by -1
     size: int
     stride: int
     device: str
@@ -65,8 +66,9 @@ def windows(
         wp.full(count, 1, dtype=int, device=device),
         wp.empty((count, size, size), dtype=float, device=device),
         wp.empty((count, size, size), dtype=int, device=device),
-        wp.empty((count, 2, side, side), dtype=wp.vec2, device=device),
-        wp.empty((count, 2, side, side), dtype=float, device=device),
+        wp.zeros((count, 2, side, side), dtype=wp.vec2, device=device),
+        wp.zeros((count, 2, side, side), dtype=float, device=device),
+        wp.full((count, 2, side, side + 1), -1, dtype=int, device=device),
         size, stride, device,
     )
 
@@ -219,6 +221,7 @@ def contour_kernel(
     # Out:
     contour_uv_out: wp.array(dtype=wp.vec2, ndim=4),
     contour_depth_out: wp.array(dtype=float, ndim=4),
+    contour_column_out: wp.array(dtype=int, ndim=4),
 ):
     """A row of a window: the contours between its pixels and their right and lower neighbours."""
     k, i = wp.tid()
@@ -230,9 +233,14 @@ def contour_kernel(
     t = t_cam_obj[h]
     for side in range(2):
         i2 = i + side
+        for m in range(s):
+            old = contour_column_out[h, side, i, m]
+            if old < 0:
+                break
+            contour_uv_out[h, side, i, old] = wp.vec2(0.0, 0.0)
+            contour_depth_out[h, side, i, old] = 0.0
+        count = wp.int32(0)
         for j in range(s):
-            contour_uv_out[h, side, i, j] = wp.vec2(0.0, 0.0)
-            contour_depth_out[h, side, i, j] = 0.0
             j2 = j + 1 - side
             if i2 < s and j2 < s:
                 a = triangle[h, i, j]
@@ -256,21 +264,25 @@ def contour_kernel(
                             pb = surface_point(ub[0], ub[1], zb, camera, orthographic)
                             gap = wp.dot(n, pb - pa)
                             smooth = wp.where(near_is_a, gap, -gap) > -jump
+                    uv = wp.vec2(0.0, 0.0)
+                    z = wp.float32(0.0)
                     if not smooth:
                         uv, z = step_between(
                             mesh, R, t, camera, orthographic, near, jump, bisections, near_is_a, both, za, zb, ua, ub,
                             a, b, vertices, corners, across_edge, normal_obj,
                         )
-                        contour_uv_out[h, side, i, j] = uv
-                        contour_depth_out[h, side, i, j] = z
                     elif wp.dot(normal_obj[a], normal_obj[b]) < crease:
                         # one surface that turns: its crease is where the normal changes sides
                         uv, z = crease_between(
                             mesh, R, t, camera, orthographic, near, jump, bisections, crease, normal_obj, a, b, za, zb,
                             ua, ub,
                         )
+                    if z > 0.0:
                         contour_uv_out[h, side, i, j] = uv
                         contour_depth_out[h, side, i, j] = z
+                        contour_column_out[h, side, i, count] = j
+                        count += 1
+        contour_column_out[h, side, i, count] = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +333,7 @@ class Rays:
             inputs=[*common, float(self.jump), bisections, sharpest, first, seen.stale, seen.depth, seen.triangle,
                     self.mesh.normals_obj, self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices,
                     self.mesh.across_edge],
-            outputs=[seen.contour_uv, seen.contour_depth], device=seen.device,
+            outputs=[seen.contour_uv, seen.contour_depth, seen.contour_column], device=seen.device,
         )
 
     def cast_all(self, seen: Windows) -> None:
