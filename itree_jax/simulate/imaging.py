@@ -138,7 +138,9 @@ def _render(
     scene = ([*meshes, bin_mesh], np.append(of_kind, len(meshes)), T[:, :3, :3], T[:, :3, 3], sensor.camera,
              sensor.light_directions, sensor.light_intensities, material)  # fmt: skip
     lit = render_scene(*scene, look.ambient)
-    return lit if not look.reflected else replace(lit, images=lit.images + reflected_light(*scene, look.reflected, shown=lit))
+    if not look.reflected:
+        return lit
+    return replace(lit, images=lit.images + reflected_light(*scene, look.reflected, shown=lit))
 
 
 def _true_object(
