@@ -86,7 +86,8 @@ def every_attitude(
 
 def shown_beside(
     prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "asked 3 3"],
-    t_cam_obj: Float[np.ndarray, "asked 3"], rolls: Float[np.ndarray, "rolls 3 3"], views: Float[np.ndarray, "views 3 3"],
+    t_cam_obj: Float[np.ndarray, "asked 3"], rolls: Float[np.ndarray, "rolls 3 3"],
+    views: Float[np.ndarray, "views 3 3"],
 ) -> Float[np.ndarray, "asked_views_rolls 3"]:
     """How far from the part's origin the middle of what it shows lies [mm], for each region, view and roll.
 
