@@ -42,6 +42,7 @@ from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
+from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.classify import classify
 from itree_jax.tree.determination_rules import Candidates
 from itree_jax.tree.determine import determine
@@ -72,7 +73,8 @@ def recognize(
         second: what a second camera saw; where there is no depth map, depth comes from the two (one per image of a
             batch). With neither, a part's size alone tells how far it is: see `Detection.translation_std`.
 
-    Returns finished results (the call blocks until they are there).
+    Returns finished results (the call blocks until they are there). Scenes of a batch share the cores; each comes out
+    as it does alone, to the bit.
 
     Raises:
         ItreeError: shapes don't fit the sensor, or the trees make no forest (see `compile_forest`).
@@ -81,11 +83,17 @@ def recognize(
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
     check_numbers(images, depth, R_w2c)
+    if images.ndim == 4 and not len(images):
+        return []
     if images.ndim == 4:
         depths = [None] * len(images) if depth is None else depth
         seconds = second if isinstance(second, Sequence) else [second] * len(images)
-        each = zip(images, depths, seconds, strict=True)
-        return [recognize_one(forest, i, sensor, d, R_w2c, other) for i, d, other in each]
+        first, *rest = zip(images, depths, seconds, strict=True)
+
+        def one(scene: tuple[np.ndarray, np.ndarray | None, SecondCamera | None]) -> Detections:
+            return recognize_one(forest, scene[0], sensor, scene[1], R_w2c, scene[2])
+
+        return [one(first), *on_all_cores(one, rest)]  # the first alone: nothing is compiled twice
     return recognize_one(forest, images, sensor, depth, R_w2c, second[0] if isinstance(second, Sequence) else second)
 
 
@@ -150,7 +158,7 @@ def look_again(
     cleared = subtract_reflections(images, answers, sight, second)
     if cleared is not None:
         images, second = cleared
-        sight = look(images, sensor, depth, R_w2c, second, of_depth=sight.of_depth)
+        sight = look(images, sensor, depth, R_w2c, second, before=sight)
     responses = responses_of_parts(answers, sight) if depth is None else None
     if responses is not None:
         sight = look(images, sensor, depth, R_w2c, second, responses)

@@ -86,11 +86,12 @@ def look(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
     responses: Sequence[MaterialResponse | None] = (None, None),
-    of_depth: DepthNeedles | None = None,
+    before: Sight | None = None,
 ) -> Sight:
     """Looks at one image under each light, with a depth map [mm] (0 = none), a second camera, or neither.
 
-    `responses` of the material, as each camera sees it, and the normals of the depth map, if they are known.
+    `responses` of the material, as each camera sees it, if they are known. `before`: the scene as it was seen through
+    the same depth map, before its images changed; the normals of its depth map and its regions are kept.
 
     Raises `ItreeError` as `dual_photometric_stereo` does.
     """
@@ -101,17 +102,19 @@ def look(
         return look_with_two(images, sensor, second, R_w2c, responses)
     depth = np.asarray(depth, np.float32)
     noise = depth_noise(depth, depth > 0)
+    of_depth = before.of_depth if before else None
     if of_depth is None and not sensor.is_depth_camera:
         of_depth = depth_needles(depth, sensor.camera, noise)
     needle = read_needles(images, sensor, depth, responses[0], of_depth)
-    found = regions(needle, depth, sensor, R_w2c)
+    found = before.found if before else regions(needle, depth, sensor, R_w2c)
+    centres = before.segment_centre if before else segment_centres(found.labels, depth, sensor)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
     if not sensor.is_depth_camera:
         observed = with_shading(observed, images, sensor, needle)
     return Sight(
-        found, needle, observed, segment_centres(found.labels, depth, sensor), noise, sensor, depth=depth, R_w2c=R_w2c,
-        of_depth=of_depth, lit=lit_by_any(images, sensor, needle),
-    )  # fmt: skip
+        found, needle, observed, centres, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth,
+        lit=lit_by_any(images, sensor, needle),
+    )
 
 
 def look_with_two(

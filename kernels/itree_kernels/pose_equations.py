@@ -30,7 +30,10 @@ class Gates:
 
 @wp.struct
 class RowSums:
-    """Sums of robust weights w [views, hypotheses, rows]: of w, of w J^T J and of w J^T r; twist order (omega, v)."""
+    """Sums of robust weights w [views, hypotheses, rows]: of w, of w J^T J and of w J^T r; twist order (omega, v).
+
+    Where the sum of w is 0, the others mean nothing.
+    """
 
     depth_count: wp.array3d(dtype=float)
     depth_hessian: wp.array3d(dtype=wp.spatial_matrix)
@@ -134,11 +137,13 @@ def equations_kernel(
                     needle_outer += wp.outer(w * normal, normal)
                     needle_gradient += w * wp.cross(differ, normal)
     sums.depth_count[view, h, i] = depth_count
-    sums.depth_hessian[view, h, i] = depth_hessian
-    sums.depth_gradient[view, h, i] = depth_gradient
+    if depth_count > 0.0:
+        sums.depth_hessian[view, h, i] = depth_hessian
+        sums.depth_gradient[view, h, i] = depth_gradient
     sums.needle_count[view, h, i] = needle_count
-    sums.needle_outer[view, h, i] = needle_outer
-    sums.needle_gradient[view, h, i] = needle_gradient
+    if needle_count > 0.0:
+        sums.needle_outer[view, h, i] = needle_outer
+        sums.needle_gradient[view, h, i] = needle_gradient
 
     count = wp.float32(0.0)
     hessian = wp.spatial_matrix()
@@ -171,8 +176,9 @@ def equations_kernel(
                             hessian += wp.outer(w * J, J)
                             gradient += (w * wp.dot(gap, direction)) * J
     sums.contour_count[view, h, i] = count
-    sums.contour_hessian[view, h, i] = hessian
-    sums.contour_gradient[view, h, i] = gradient
+    if count > 0.0:
+        sums.contour_hessian[view, h, i] = hessian
+        sums.contour_gradient[view, h, i] = gradient
 
 
 def row_sums(views: int, count: int, size: int, device: str):

@@ -99,6 +99,16 @@ def in_frame(J_turn: wp.mat33) -> mat66d:
     return B
 
 
+@wp.func
+def added(H: mat66d, g: vec6d, hessian: wp.spatial_matrix, gradient: wp.spatial_vector):
+    """The sums with those of a row."""
+    for a in range(6):
+        g[a] += wp.float64(gradient[a])
+        for b in range(6):
+            H[a, b] += wp.float64(hessian[a, b])
+    return H, g
+
+
 @wp.kernel(enable_backward=False)
 def step_kernel(
     # In:
@@ -129,21 +139,21 @@ def step_kernel(
         H_there = mat66d()
         g_there = vec6d()
         for i in range(sums.depth_count.shape[2]):
-            if sums.depth_count[view, h, i] + sums.needle_count[view, h, i] + sums.contour_count[view, h, i] > 0.0:
-                hessian = (
-                    of_depth * sums.depth_hessian[view, h, i] + of_contour * sums.contour_hessian[view, h, i]
+            if sums.depth_count[view, h, i] > 0.0:
+                H_there, g_there = added(
+                    H_there, g_there, of_depth * sums.depth_hessian[view, h, i],
+                    of_depth * sums.depth_gradient[view, h, i],
                 )
-                gradient = (
-                    of_depth * sums.depth_gradient[view, h, i] + of_contour * sums.contour_gradient[view, h, i]
+            if sums.contour_count[view, h, i] > 0.0:
+                H_there, g_there = added(
+                    H_there, g_there, of_contour * sums.contour_hessian[view, h, i],
+                    of_contour * sums.contour_gradient[view, h, i],
                 )
+            if sums.needle_count[view, h, i] > 0.0:
                 # the Jacobian of a needle n is the cross-product matrix of n, so that J^T J = I - n n^T
                 outer = of_needles * sums.needle_outer[view, h, i]
                 turned = of_needles * sums.needle_gradient[view, h, i]
                 straight = of_needles * sums.needle_count[view, h, i]
-                for a in range(6):
-                    g_there[a] += wp.float64(gradient[a])
-                    for b in range(6):
-                        H_there[a, b] += wp.float64(hessian[a, b])
                 for a in range(3):
                     g_there[a] += wp.float64(turned[a])
                     H_there[a, a] += wp.float64(straight)
