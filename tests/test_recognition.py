@@ -90,13 +90,20 @@ def same(a: Detections, b: Detections) -> bool:
 
 @pytest.mark.parametrize("k", range(len(ATTITUDES)))
 def test_the_parts_are_found(paper_tree, cases, answers, k):
-    """The top pick, the best score, and both parts: within 5 % of the diameter (in fact, far less)."""
+    """The top pick, the best score, and both parts: within 5 % of the diameter (in fact, far less).
+
+    A half turn of this part hardly shows in some attitudes: there the truth may be the named alternative.
+    """
     part, symmetry = paper_tree.part, symmetry_set(model_info(paper_tree.part))
+    stated = [[np.block([[d.R_cam_obj, d.t_cam_obj[:, None]], [0, 0, 0, 1]]), *(a.T_cam_obj for a in d.alternatives)]
+              for d in answers[k]]  # fmt: skip
     errors = [
-        [float(mssd(Pose(d.R_cam_obj, d.t_cam_obj), truth, part.vertices, symmetry)) for truth in cases[k].truth]
-        for d in answers[k]
-    ]
+        [min(float(mssd(Pose(T[:3, :3], T[:3, 3]), truth, part.vertices, symmetry)) for T in poses)
+         for truth in cases[k].truth]
+        for poses in stated
+    ]  # fmt: skip
     assert len(errors) == 2
+    assert sum(len(poses) for poses in stated) <= 3
     assert (np.min(errors, axis=1) < 0.05 * part.diameter).all()
     assert set(np.argmin(errors, axis=1)) == {0, 1}
     for d in answers[k]:
