@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation
+from itree_jax.open_attitudes import all_attitudes, rolls, views
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
@@ -21,14 +22,11 @@ from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas
 from itree_jax.sight import Sight
-from itree_jax.tree.dome import camera_rotation, dome
-from itree_jax.tree.representative import roll_rotation
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller ones aren't worth every attitude
 MOST_OPEN = 8  # regions at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
-ROLLS = 15  # of each of the dome's 60 views: 24 degrees apart, as the views are
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 
 
@@ -68,36 +66,32 @@ def every_attitude(
 
     Each stands for the appearance of the nearest attitude in the tree.
     """
-    tree = prepared.tree
-    views = camera_rotation(dome().directions)
-    rolls = roll_rotation(2.0 * np.pi * np.arange(ROLLS) / ROLLS)
-    R_ray_obj = np.einsum("rab,vbc->vrac", rolls, views).reshape(-1, 3, 3)
+    tree, kept = prepared.tree, prepared.attitudes
+    R_ray_obj = all_attitudes()[kept]
     attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
     R = np.einsum("rca,kcb->rkab", R_ray_cam[asked], R_ray_obj)
-    count = len(R_ray_obj)
-    region, row = np.repeat(asked, count), np.tile(with_row[1][nearest], len(asked))
-    open_ = open_centres(prepared, sight, asked)
-    t = np.repeat(open_, count, axis=0) - shown_beside(prepared, sight, R_ray_cam[asked], open_, rolls, views)
-    poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.astype(np.float32))
+    region, row = np.repeat(asked, len(kept)), np.tile(with_row[1][nearest], len(asked))
+    centres = open_centres(prepared, sight, asked)
+    t = centres[:, None] - shown_beside(prepared, sight, R_ray_cam[asked], centres)[:, kept]
+    poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.reshape(-1, 3).astype(np.float32))
     return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
 
 
 def shown_beside(
     prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "asked 3 3"],
-    t_cam_obj: Float[np.ndarray, "asked 3"], rolls: Float[np.ndarray, "rolls 3 3"],
-    views: Float[np.ndarray, "views 3 3"],
-) -> Float[np.ndarray, "asked_views_rolls 3"]:
-    """How far from the part's origin the middle of what it shows lies [mm], for each region, view and roll.
+    t_cam_obj: Float[np.ndarray, "asked 3"],
+) -> Float[np.ndarray, "asked attitudes 3"]:
+    """How far from the part's origin the middle of what it shows lies [mm] at these places, in `all_attitudes`.
 
     Rolled about the ray, a part shows the same: each view is rendered once.
     """
-    R = np.einsum("rca,kcb->rkab", R_ray_cam, views).reshape(-1, 3, 3).astype(np.float32)
-    t = np.repeat(t_cam_obj, len(views), axis=0).astype(np.float32)
+    R = np.einsum("rca,vcb->rvab", R_ray_cam, views()).reshape(-1, 3, 3).astype(np.float32)
+    t = np.repeat(t_cam_obj, len(views()), axis=0).astype(np.float32)
     shown = visible_centres(Hypotheses(R, t), prepared.model, sight.sensor.camera, PLACING_SIZE) - t
-    in_ray = np.einsum("rab,rvb->rva", R_ray_cam, shown.reshape(len(R_ray_cam), len(views), 3))
-    return np.einsum("rca,kcb,rvb->rvka", R_ray_cam, rolls, in_ray).reshape(-1, 3)
+    in_ray = np.einsum("rab,rvb->rva", R_ray_cam, shown.reshape(len(R_ray_cam), -1, 3))
+    return np.einsum("rca,kcb,rvb->rvka", R_ray_cam, rolls(), in_ray).reshape(len(R_ray_cam), -1, 3)
 
 
 def open_centres(

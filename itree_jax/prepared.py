@@ -6,8 +6,9 @@ from typing import overload
 
 import numpy as np
 from itree_kernels.mesh import ray_mesh
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from itree_jax.open_attitudes import distinct_attitudes
 from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.coarse import coarse_mesh
@@ -33,6 +34,7 @@ class Prepared:
     pitch: float  # of feature windows [mm]
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
+    attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,8 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface,
                         coarse_mesh(mesh, reach))
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
-                    solid(mesh, part.diameter, part.watertight), rival_turns(tree))
+                    solid(mesh, part.diameter, part.watertight), rival_turns(tree),
+                    distinct_attitudes(part, tree.symmetries))
 
 
 def rival_turns(tree: InterpretationTree) -> Float[np.ndarray, "turns 4 4"]:
