@@ -40,7 +40,7 @@ def sensor_of(condition: Condition) -> Sensor:
     sensor = bundled_sensor("bench")
     L = _ring(condition.lights) if condition.lights != sensor.light_count else sensor.light_directions
     return replace(
-        _scaled(sensor, SMALL * condition.scale), light_directions=L, light_intensities=np.ones(condition.lights)
+        scaled(sensor, SMALL * condition.scale), light_directions=L, light_intensities=np.ones(condition.lights)
     )
 
 
@@ -128,7 +128,7 @@ def _ring(count: int) -> Float[np.ndarray, "lights 3"]:
     return np.stack([sin * np.cos(azimuth), sin * np.sin(azimuth), np.full(count, -cos)], axis=1)
 
 
-def _scaled(sensor: Sensor, k: float) -> Sensor:
+def scaled(sensor: Sensor, k: float) -> Sensor:
     """The same view in fewer or more pixels; the centre of the image stays."""
     c = sensor.camera
     width, height = round(c.width * k), round(c.height * k)
