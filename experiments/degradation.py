@@ -27,13 +27,16 @@ from degrading.counting import Step, as_markdown, judged, model_of, record_of, s
 from degrading.imaging import scene_of, sensor_of, told_sensor
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part
 from itree_cad.part import Part
-from itree_kernels.errors import ItreeWarning
+from itree_kernels.errors import ItreeError, ItreeWarning
 from itree_kernels.whole_files import write_whole
 
 from itree_jax.compile import compile_tree
 from itree_jax.evaluation.truth import Model
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import recognize_one
+from itree_jax.sensing.exposure import check_light
+from itree_jax.sensing.scene_folder import Scene
+from itree_jax.sensing.scene_writer import TrueObject
 from itree_jax.simulate import bin_for, settle
 from itree_jax.tree.tree_file import load_tree, save_tree
 
@@ -87,12 +90,25 @@ def results_of(
             yield condition, json.loads(path.read_text(encoding="utf-8"))
 
 
-def recognised(prepared: Prepared, model: Model, scene, truth, condition: Condition) -> dict[str, Any]:
+def recognised(
+    prepared: Prepared, model: Model, scene: Scene, truth: list[TrueObject], condition: Condition
+) -> dict[str, Any]:
+    """The record of one scene."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ItreeWarning)
         found = recognize_one([prepared], scene.images, scene.sensor, scene.depth, scene.R_w2c)
     warned = [str(one.message) for one in caught if issubclass(one.category, ItreeWarning)]
-    return record_of(judged(found, scene, truth, condition.hidden, model), found, warned)
+    return record_of(judged(found, scene, truth, condition.hidden, model), found, warned, refused(scene))
+
+
+def refused(scene: Scene) -> bool:
+    """Whether `itree recognize` would refuse these images when it loads them."""
+    names = [f"image {k}" for k in range(len(scene.images))]
+    try:
+        check_light(scene.images, scene.sensor.noise, names)
+    except ItreeError:
+        return True
+    return False
 
 
 def tree_for(part: Part, condition: Condition, config: Config) -> Prepared:

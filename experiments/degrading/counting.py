@@ -49,11 +49,12 @@ def judged(found: Detections, scene: Scene, truth: Sequence[TrueObject], hidden:
     return JudgedScene(true, answers, errors, match(errors.mssd, answers.score, STRICT))
 
 
-def record_of(scene: JudgedScene, found: Detections, warned: Sequence[str]) -> dict[str, Any]:
+def record_of(scene: JudgedScene, found: Detections, warned: Sequence[str], refused: bool) -> dict[str, Any]:
     """What is kept of a scene, as plain JSON data; answers by falling score."""
     nearest = scene.errors.mssd.min(axis=1, initial=np.inf)
     return {
         "visible": int(scene.visible.sum()), "found": int(scene.found_visible.sum()), "warned": list(warned),
+        "refused": refused,
         "answers": [
             {"score": round(d.score, 4), "ambiguous": d.ambiguous, "right": bool(right), "mssd": round(float(near), 4)}
             for d, right, near in zip(found.by_score, scene.right, nearest, strict=True)
@@ -73,6 +74,7 @@ class Step:
     precision_all: Rate  # of all answers
     silent: int  # scenes without an answer
     warned: int  # scenes of which something was said to be wrong
+    refused: int  # scenes whose images `itree recognize` refuses; counted here as they are recognised all the same
 
 
 def step_of(condition: Condition, records: Sequence[dict[str, Any]]) -> Step:
@@ -85,6 +87,7 @@ def step_of(condition: Condition, records: Sequence[dict[str, Any]]) -> Step:
         Rate(sum(r["found"] for r in records), sum(r["visible"] for r in records)),
         Rate(sum(a["right"] for a in relied), len(relied)), Rate(sum(a["right"] for a in answers), len(answers)),
         sum(not r["answers"] for r in records), sum(bool(r["warned"]) for r in records),
+        sum(r["refused"] for r in records),
     )  # fmt: skip
 
 
@@ -96,20 +99,20 @@ def rate_json(rate: Rate) -> dict[str, Any]:
 
 def step_json(step: Step) -> dict[str, Any]:
     rates = {name: rate_json(getattr(step, name)) for name in ("top_pick", "recall", "precision", "precision_all")}
-    said = {"scenes": step.scenes, "silent": step.silent, "warned": step.warned}
+    said = {"scenes": step.scenes, "silent": step.silent, "warned": step.warned, "refused": step.refused}
     return {"curve": step.condition.curve, "step": step.condition.step, **said, **rates}
 
 
 def as_markdown(steps: Sequence[Step]) -> str:
     """The table; intervals in brackets."""
     lines = [
-        "| what is wrong | | scenes | top pick | recall | precision | of all answers | no answer | warned |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| what is wrong | | scenes | top pick | recall | precision | of all answers | no answer | warned | refused |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for s in steps:
         rates = " | ".join(_cell(rate) for rate in (s.top_pick, s.recall, s.precision, s.precision_all))
         lines.append(
-            f"| {s.condition.curve} | {s.condition.step} | {s.scenes} | {rates} | {s.silent} | {s.warned} |"
+            f"| {s.condition.curve} | {s.condition.step} | {s.scenes} | {rates} | {s.silent} | {s.warned} | {s.refused} |"
         )
     return "\n".join(lines) + "\n"
 

@@ -56,6 +56,7 @@ def test_another_scale_shows_the_same_view():
 def test_a_dark_light_shows_noise_and_one_left_out_is_not_told():
     lit, _ = scene(NOMINAL)
     dark, _ = scene(Condition(dark=True))
+    assert (degradation.refused(lit), degradation.refused(dark)) == (False, True)
     assert lit.images[0].mean() > 0.05
     assert dark.images[0].max() < 0.01  # of full scale: read noise
     np.testing.assert_array_equal(dark.images[1:].shape, lit.images[1:].shape)
@@ -77,20 +78,20 @@ def answer(score, ambiguous, right):
 
 
 def test_ambiguous_answers_are_counted_apart():
-    one = {"visible": 3, "found": 2, "warned": [], "answers": [answer(1.0, False, True), answer(0.5, True, False)]}
-    none = {"visible": 2, "found": 0, "warned": ["dark"], "answers": []}
+    one = {"visible": 3, "found": 2, "warned": [], "refused": False, "answers": [answer(1.0, False, True), answer(0.5, True, False)]}
+    none = {"visible": 2, "found": 0, "warned": ["dark"], "refused": True, "answers": []}
     found = step_of(NOMINAL, [one, none])
     assert (found.top_pick.count, found.top_pick.total) == (1, 2)
     assert (found.recall.count, found.recall.total) == (2, 5)
     assert (found.precision.count, found.precision.total) == (1, 1)
     assert (found.precision_all.count, found.precision_all.total) == (1, 2)
-    assert (found.silent, found.warned) == (1, 1)
+    assert (found.silent, found.warned, found.refused) == (1, 1, 1)
 
 
 def test_finished_scenes_are_not_done_again(tmp_path, monkeypatch):
     monkeypatch.setattr(degradation, "recognised", None)  # would fail when called
     config = degradation.Config(quick=True, out=tmp_path)
-    record = {"visible": 4, "found": 3, "warned": [], "answers": [answer(0.9, False, True)]}
+    record = {"visible": 4, "found": 3, "warned": [], "refused": False, "answers": [answer(0.9, False, True)]}
     (tmp_path / "scenes").mkdir()
     for condition in steps(quick=True):
         (tmp_path / "scenes" / f"{config.parts[0]}, 0, {condition.name}.json").write_text(json.dumps(record))
