@@ -111,9 +111,8 @@ def as_markdown(steps: Sequence[Step]) -> str:
     ]
     for s in steps:
         rates = " | ".join(_cell(rate) for rate in (s.top_pick, s.recall, s.precision, s.precision_all))
-        lines.append(
-            f"| {s.condition.curve} | {s.condition.step} | {s.scenes} | {rates} | {s.silent} | {s.warned} | {s.refused} |"
-        )
+        counts = f"{s.silent} | {s.warned} | {s.refused}"
+        lines.append(f"| {s.condition.curve} | {s.condition.step} | {s.scenes} | {rates} | {counts} |")
     return "\n".join(lines) + "\n"
 
 

@@ -78,7 +78,8 @@ def answer(score, ambiguous, right):
 
 
 def test_ambiguous_answers_are_counted_apart():
-    one = {"visible": 3, "found": 2, "warned": [], "refused": False, "answers": [answer(1.0, False, True), answer(0.5, True, False)]}
+    answers = [answer(1.0, False, True), answer(0.5, True, False)]
+    one = {"visible": 3, "found": 2, "warned": [], "refused": False, "answers": answers}
     none = {"visible": 2, "found": 0, "warned": ["dark"], "refused": True, "answers": []}
     found = step_of(NOMINAL, [one, none])
     assert (found.top_pick.count, found.top_pick.total) == (1, 2)
