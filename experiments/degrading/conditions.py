@@ -1,7 +1,6 @@
 """What is wrong with a scene, one thing at a time, along six curves."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 
 @dataclass(frozen=True)
@@ -45,9 +44,3 @@ CURVES: dict[str, tuple[Condition, ...]] = {
 def steps(quick: bool) -> list[Condition]:
     """The nominal scene and every step of every curve; when quick, the last step of each."""
     return [NOMINAL, *(c for curve in CURVES.values() for c in (curve[-1:] if quick else curve))]
-
-
-def all_different() -> bool:
-    """Whether no two conditions share their name, under which results are kept."""
-    names = sorted(c.name for c in steps(quick=False))
-    return all(a != b for a, b in pairwise(names))
