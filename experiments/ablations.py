@@ -25,7 +25,7 @@ from quality.comparison import compare_configurations
 
 from itree_jax import challenge, competition, narrowing, recognition
 from itree_jax.answers import Interpretation
-from itree_jax.cli.recognize import load_with_trees, recognize_scene, with_depth_from
+from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses

@@ -24,7 +24,7 @@ from quality.reliability_tables import reliability_report
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from itree_jax.cli.recognize import load_with_trees, with_depth_from
+from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.competition import selections
 from itree_jax.evaluation.judged import ScoredAnswers
 from itree_jax.evaluation.matching import match

@@ -8,7 +8,6 @@ are those of the first row, times left out.
 """
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
@@ -64,6 +63,7 @@ def answer(k: int, dataset: str, trees: list[str], scenes: int) -> dict[str, str
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: way.cores])
     os.cpu_count = lambda: way.cores
     import numpy as np
+    from soaking.digest import digest
 
     from itree_jax.prepared import prepare, prepare_forest
     from itree_jax.recognition import recognize
@@ -93,16 +93,6 @@ def answer(k: int, dataset: str, trees: list[str], scenes: int) -> dict[str, str
     else:
         found = [recognize(forest, s.images, sensor, s.depth, chosen[0][1].R_w2c) for _, s in chosen]
     return {name: digest(one) for (name, _), one in zip(chosen, found, strict=True)}
-
-
-def digest(found) -> str:
-    """Of everything that is written, but for the time."""
-    from itree_jax.results import write_json
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "r.json"
-        write_json([replace(found, time=-1.0)], path)
-        return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from evaluate_scenes import scenes_of_parts, tree_of
 from quality.comparison import markdown_table
 
 from itree_jax.backtracking import FIRST
-from itree_jax.cli.recognize import load_with_trees
+from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
 from itree_jax.prepared import Prepared, prepare

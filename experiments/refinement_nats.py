@@ -14,7 +14,7 @@ from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import scenes_of_parts, tree_of
 from scipy.spatial.transform import Rotation
 
-from itree_jax.cli.recognize import load_with_trees
+from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.evaluation.truth import SceneTruth, load_truth
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.refinement.likelihood import support

@@ -13,6 +13,7 @@ Table of contents. Names are imported when they are first used, so that `import 
 | correct what is seen | `fit_response`, `apply_response`, `self_calibrate` |
 | the stages on their own | `classify`, `determine`, `refine`, `verify` |
 | keep and judge results | `write_bop_csv`, `write_json`, `evaluate` |
+| know what was wrong with the input, or is doubtful about it | `ItreeError`, `ItreeWarning` |
 """
 
 from importlib import import_module
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from itree_cad.part import Part as Part
     from itree_kernels.camera import Camera as Camera
     from itree_kernels.errors import ItreeError as ItreeError
+    from itree_kernels.errors import ItreeWarning as ItreeWarning
 
     from itree_jax.compile import compile_tree as compile_tree
     from itree_jax.detections import Detection as Detection
@@ -67,6 +69,7 @@ _HOME = {
     "Forest": "itree_jax.tree.forest",
     "InterpretationTree": "itree_jax.tree.tree",
     "ItreeError": "itree_kernels.errors",
+    "ItreeWarning": "itree_kernels.errors",
     "MaterialResponse": "itree_jax.sensing.material_response",
     "Noise": "itree_jax.sensor",
     "Part": "itree_cad.part",

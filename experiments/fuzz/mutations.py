@@ -59,7 +59,7 @@ def mutated_tree(data: bytes, rng: random.Random, by_bytes: Mutate) -> bytes:
         sums = header["sha256"]
         if rng.random() < 0.1 or not members or not isinstance(sums, dict):
             raise ValueError("by bytes")
-    except (zipfile.BadZipFile, ValueError, KeyError, TypeError, RecursionError, OSError, NotImplementedError):
+    except Exception:  # whatever zipfile and json trip over: it is no tree file whose form could be kept
         return by_bytes(data, rng.randrange(2**31))
     arrays = [name for name in members if name.endswith(".npy")]
     if arrays and rng.random() < 0.4:

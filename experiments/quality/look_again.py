@@ -12,7 +12,7 @@ from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh, ray_mesh
 from jaxtyping import Float, Int
 
-from itree_jax.cli.recognize import load_with_trees, with_depth_from
+from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.evaluation.judged import JudgedScene
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.report.pose_render import render_pose

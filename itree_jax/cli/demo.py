@@ -44,7 +44,7 @@ class Demo:
             start_jax()
             from itree_cad.bundled import bundled_part
 
-            from itree_jax.cli.recognize import recognize_scene
+            from itree_jax.cli.scene_answer import recognize_scene
             from itree_jax.compile import compile_tree
             from itree_jax.prepared import prepare
             from itree_jax.sensing.bundled import bundled_sensor

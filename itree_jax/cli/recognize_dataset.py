@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from itree_kernels.errors import ItreeError
 from itree_kernels.whole_files import write_whole
 
-from itree_jax.cli.recognize import check_numbered, forest_of, load_with_trees, recognize_scene, with_depth_from
+from itree_jax.cli.recognize import check_numbered
 from itree_jax.cli.runtime import start_jax
+from itree_jax.cli.scene_answer import forest_of, load_with_trees, recognize_scene, with_depth_from
 from itree_jax.cluster import Product, Ran, Unit, digest_of_file, digest_of_listing, key_of
 
 if TYPE_CHECKING:
-    from itree_jax.cli.recognize import Forests
+    from itree_jax.cli.scene_answer import Forests
     from itree_jax.prepared import Prepared
 
 CSV = "results.csv"

@@ -41,7 +41,8 @@ class View:
         with progress(self.quiet) as tell:
             tell("loading", 0.0)
             start_jax()
-            from itree_jax.cli.recognize import answer, check_objects
+            from itree_jax.cli.recognize import check_objects
+            from itree_jax.cli.scene_answer import answer
             from itree_jax.prepared import prepare
             from itree_jax.report.scene_view import scene_view
             from itree_jax.sensing.scene_folder import scene_folders

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 from itree_kernels.errors import ItreeError
 
-from itree_jax.cli.recognize import fitting_trees
+from itree_jax.cli.scene_answer import fitting_trees
 from itree_jax.detections import Detection, Detections
 from itree_jax.results import read_bop_csv
 from itree_jax.tree.tree_file import save_tree

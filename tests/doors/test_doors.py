@@ -5,6 +5,8 @@ ITREE_EXAMPLES sets the number of examples of each law (`experiments/fuzz_doors.
 
 import json
 import os
+import random
+import struct
 import tempfile
 import warnings
 from pathlib import Path
@@ -218,3 +220,14 @@ def test_a_crash_would_be_seen(name, monkeypatch):
     (seed, *_) = target.seeds()
     monkeypatch.setitem(targets.TARGETS, name, replace(target, read=broken, seeds=lambda: [seed]))
     assert [place.split()[0] for place in targets.without_guidance(name, 30)] == ["KeyError"]
+
+
+def test_the_fuzzer_goes_on_from_a_tree_file_that_ends_too_early():
+    """Its list of members promises more bytes than the file has: zipfile raises EOFError."""
+    from fuzz.mutations import mutated_tree
+    from fuzz.seeds import tree_file
+
+    data = bytearray(tree_file())
+    last = data.rindex(b"PK\x01\x02")  # the entry of the last member; its two sizes are at 20 and 24
+    data[last + 20 : last + 28] = struct.pack("<2I", 10**6, 10**6)
+    assert mutated_tree(bytes(data), random.Random(0), lambda data, seed: b"by bytes") == b"by bytes"

@@ -1,0 +1,1 @@
+"""What a long run is watched for: compilations, memory, and whether answers stay the same."""

@@ -1,0 +1,48 @@
+"""One process, many scenes: after a first pass nothing is traced, compiled or loaded, and answers are the same bits."""
+
+import jax
+import jax.numpy as jnp
+import warp as wp
+from soak import bins, memory_mb, small_sensor
+from soaking.compilations import counted
+from soaking.digest import digest
+
+from itree_jax.prepared import prepare, prepare_forest
+from itree_jax.recognition import recognize_one
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def never_launched(a_out: wp.array(dtype=wp.float32)):
+    a_out[wp.tid()] = wp.float32(1.0)
+
+
+def test_what_is_compiled_or_loaded_is_counted():
+    double = jax.jit(lambda x: 2.0 * x + 3.25)
+    with counted() as count:
+        double(jnp.ones(3, jnp.float32))
+        first = (count.traced, count.compiled)
+        double(jnp.ones(3, jnp.float32))
+        assert (count.traced, count.compiled) == first
+        double(jnp.ones(5, jnp.float32))  # another shape
+        assert (count.traced > first[0], count.compiled > first[1], count.loaded) == (True, True, 0)
+        wp.load_module(never_launched.module, device="cpu", block_dim=1)
+        wp.load_module(never_launched.module, device="cpu", block_dim=1)
+        assert count.loaded == 1
+    total = count.total
+    double(jnp.ones(7, jnp.float32))
+    assert count.total == total
+
+
+def test_nothing_is_compiled_after_the_first_pass_and_answers_repeat_to_the_bit(paper_tree):
+    forest, scenes = prepare_forest([prepare(paper_tree)]), bins(2, seed=0)
+    assert scenes[0].sensor.camera == small_sensor().camera
+
+    def answers() -> list[str]:
+        return [digest(recognize_one(forest, s.images, s.sensor, s.depth, s.R_w2c)) for s in scenes]
+
+    first = answers()
+    assert first[0] != first[1]
+    with counted() as count:
+        assert [answers(), answers()] == [first, first]
+    assert count.total == 0, count
+    assert memory_mb() > 100.0
