@@ -8,9 +8,10 @@ import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.scene_maps import SeenBy, scene_maps
 from itree_kernels.warp_start import warp_device
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
+from itree_jax.sensing.needle import Array
 
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
 EDGE_DEPTH_REACH = 3  # [px]: an edge's own pixels mix two surfaces, and needles end there
@@ -45,7 +46,7 @@ class CameraArrays(NamedTuple):
 
 def camera_arrays(camera: Camera) -> CameraArrays:
     values = (camera.fx, camera.fy, camera.cx, camera.cy, 0.0 if camera.is_orthographic else 1.0)
-    return CameraArrays(*(np.float32(v) for v in values))
+    return CameraArrays(*(np.asarray(v, np.float32) for v in values))
 
 
 def seen_by(

@@ -39,8 +39,9 @@ def equations_at(
     extra = -count % BATCH
     R, t = (np.concatenate([a, np.repeat(a[-1:], extra, axis=0)]).astype(np.float32) for a in poses)
     deviations = deviations._replace(
-        depth_gate=np.float32(stage.depth_gate[1]), needle_gate=np.float32(stage.needle_gate[1]),
-        contour_gate=np.float32(stage.contour_gate[1]),
+        depth_gate=np.asarray(stage.depth_gate[1], np.float32),
+        needle_gate=np.asarray(stage.needle_gate[1], np.float32),
+        contour_gate=np.asarray(stage.contour_gate[1], np.float32),
     )
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), stage.size)
     first = OtherView(observed, camera, np.eye(3), np.zeros(3))
@@ -60,7 +61,7 @@ def _seen_by(
     equations_of = partial(
         equations_in_view, R_view_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
-        stride=np.int32(stride), size=stage.size, surface=model.surface if stage.contour else None,
+        stride=np.asarray(stride, np.int32), size=stage.size, surface=model.surface if stage.contour else None,
     )
     predicted = as_predicted(found, origin)
     batches = [

@@ -74,7 +74,7 @@ def schedule(
     middle = max(0.5 * spacing * rim, 3.0 * fine)
 
     def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
-        return Tolerances(np.float32(depth), np.float32(needle), np.float32(least_jump), np.float32(edge))
+        return Tolerances(*(np.asarray(v, np.float32) for v in (depth, needle, least_jump, edge)))
 
     polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
     rounds = (
@@ -109,9 +109,9 @@ def schedule(
     values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
     reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, edge)
-    errors = SensorErrors(*(np.float32(v) for v in reckoned))
-    deviations = Deviations(*(np.float32(v) for v in values))
-    independent = deviations._replace(depth_bias=np.float32(0.0))
+    errors = SensorErrors(*(np.asarray(v, np.float32) for v in reckoned))
+    deviations = Deviations(*(np.asarray(v, np.float32) for v in values))
+    independent = deviations._replace(depth_bias=np.zeros((), np.float32))
     narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
     last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate)) if edge == 0.0 else None
     return Schedule(rounds, turned, last, deviations, independent, errors, jump, 96)

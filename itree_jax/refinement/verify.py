@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import warp as wp
 from itree_kernels.agreement import agreement_kernel, count_rows, limits_of, row_counts, summed
 from itree_kernels.camera import Camera
 from itree_kernels.scene_maps import SeenBy
-from itree_kernels.shown_centre import centre_kernel, mean_shown
+from itree_kernels.shown_centre import centre_kernel, centres, mean_shown
 from itree_kernels.windows import Windows
 from jaxtyping import Float
 
@@ -84,7 +83,7 @@ def visible_centres(
     """Mean of the surface points that each pose shows, camera frame [mm]; its origin where it shows none."""
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     stride = window_stride(camera, model.reach, float(np.median(t[:, 2])), size)
-    centre = wp.empty(len(t), dtype=wp.vec3, device=model.mesh.device)
+    centre = centres(len(t), model.mesh.device)
 
     def mean(seen: Windows, first: int, last: int) -> None:
         mean_shown(seen, camera, first, last, centre)

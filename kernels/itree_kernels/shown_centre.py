@@ -38,6 +38,11 @@ def centre_kernel(
     centre[h] = t_cam_obj[h] + total / wp.max(count, 1.0)
 
 
+def centres(count: int, device: str) -> wp.array:
+    """Room for the middles of so many windows."""
+    return wp.empty(count, dtype=wp.vec3, device=device)
+
+
 def mean_shown(seen: Windows, camera: Camera, first: int, last: int, centre: wp.array) -> None:
     """Mean of the surface points [mm] in windows first .. last - 1, whose rays are cast; the origin where none is."""
     wp.launch(
