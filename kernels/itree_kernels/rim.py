@@ -3,6 +3,9 @@
 Between two pixels that see different surfaces runs the rim of the nearer one. From the nearer pixel the way leads
 across the edges of triangles until one faces away: that edge is the rim, to rounding. Rays would find it by halving the
 way, half a microsecond each.
+
+The depth that goes with it is that a little inside: at the rim itself a curved surface falls away by its own size within
+a pixel, and no camera sees that.
 """
 # Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
@@ -16,6 +19,7 @@ from itree_kernels.rays import image_point
 ENDS = wp.constant(1)
 GOES_ON = wp.constant(0)
 UNKNOWN = wp.constant(-1)
+INSIDE = wp.constant(0.125)  # of the way, from the rim back to where its depth is taken
 MOST_TRIANGLES = wp.constant(64)  # on the way: beyond them, rays are asked
 
 
@@ -25,12 +29,23 @@ def cross2(a: wp.vec2, b: wp.vec2) -> float:
 
 
 @wp.func
+def depth_on_edge(at: wp.vec2, p: wp.vec2, q: wp.vec2, z_p: float, z_q: float, orthographic: int) -> float:
+    """z [mm] where the way crosses the edge from p to q."""
+    share = wp.clamp(wp.dot(at - p, q - p) / wp.max(wp.length_sq(q - p), 1.0e-12), 0.0, 1.0)
+    # what is linear in the image: inverse depth under a pinhole, depth under an orthographic camera
+    if orthographic == 1:
+        return (1.0 - share) * z_p + share * z_q
+    return z_p * z_q / (share * z_p + (1.0 - share) * z_q)
+
+
+@wp.func
 def rim_between(
     vertices: wp.array(dtype=wp.vec3), corners: wp.array(dtype=int), across_edge: wp.array(dtype=int),
     normal_obj: wp.array(dtype=wp.vec3), R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, start: int,
-    ua: wp.vec2, ub: wp.vec2,
+    ua: wp.vec2, za: float, ub: wp.vec2,
 ):
-    """(`ENDS`, `GOES_ON` to ub, or `UNKNOWN`; image point [px]; z [mm]) for the surface of triangle `start` at ua.
+    """(`ENDS`, `GOES_ON` to ub, or `UNKNOWN`; image point [px]; z [mm] just inside) for the surface of triangle `start`,
+    which lies at depth za [mm] at ua.
 
     Of a closed mesh: `across_edge[3 f + k]` is the triangle beyond the edge from corner k of triangle f.
     """
@@ -77,6 +92,11 @@ def rim_between(
     q = image_point(Q, camera, orthographic) - ua
     per_length = 1.0 / wp.length_sq(way)
     face = start
+    # two crossings, the first at least `INSIDE` before the last one, the second the next after it
+    s_before = wp.float32(0.0)
+    z_before = za
+    s_after = wp.float32(0.0)
+    z_after = za
     for _ in range(MOST_TRIANGLES):
         if leaves >= 1.0:
             return GOES_ON, ub, 0.0
@@ -86,14 +106,17 @@ def rim_between(
         )
         if facing == 0.0:
             return UNKNOWN, ua, 0.0
+        s = wp.clamp(leaves, 0.0, 1.0)
+        z = depth_on_edge(s * way, p, q, P[2], Q[2], orthographic)
+        if s - s_after >= INSIDE:
+            s_before = s_after
+            z_before = z_after
+            s_after = s
+            z_after = z
         if facing > 0.0:
-            at = wp.clamp(leaves, 0.0, 1.0) * way
-            share = wp.clamp(wp.dot(at - p, q - p) / wp.max(wp.length_sq(q - p), 1.0e-12), 0.0, 1.0)
-            # what is linear in the image: inverse depth under a pinhole, depth under an orthographic camera
-            z = (1.0 - share) * P[2] + share * Q[2]
-            if orthographic == 0:
-                z = P[2] * Q[2] / (share * P[2] + (1.0 - share) * Q[2])
-            return ENDS, ua + at, z
+            wanted = wp.max(s - INSIDE, 0.0)
+            part = wp.clamp((wanted - s_before) / wp.max(s_after - s_before, 1.0e-6), 0.0, 1.0)
+            return ENDS, ua + s * way, z_before + part * (z_after - z_before)
         # of the triangle beyond, Q -> P -> C, the way leaves by the edge whose ends lie on either side of it
         third = wp.int32(2)
         for k in range(2):

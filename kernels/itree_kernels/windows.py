@@ -151,22 +151,21 @@ def step_between(
 ):
     """(image point [px], z [mm] of the near side) of the occluding contour between two pixels; z = 0 where none is.
 
-    Of a closed mesh it is walked to; where the walk is lost, and of an open mesh, rays halve the way.
+    Of a closed mesh it is walked to. Where the walk is lost or the surface hangs together, as down a steep wall that a
+    camera sees as a step, and of an open mesh, rays halve the way.
     """
     if across_edge.shape[0] > 0:
         near_a = near_is_a
         said, uv, z = rim_between(
             vertices, corners, across_edge, normal_obj, R, t, camera, orthographic, wp.where(near_a, a, b),
-            wp.where(near_a, ua, ub), wp.where(near_a, ub, ua),
+            wp.where(near_a, ua, ub), wp.where(near_a, za, zb), wp.where(near_a, ub, ua),
         )
         if said == GOES_ON and far_hit:  # behind the other one: it is the other's rim
             near_a = not near_is_a
             said, uv, z = rim_between(
                 vertices, corners, across_edge, normal_obj, R, t, camera, orthographic, wp.where(near_a, a, b),
-                wp.where(near_a, ua, ub), wp.where(near_a, ub, ua),
+                wp.where(near_a, ua, ub), wp.where(near_a, za, zb), wp.where(near_a, ub, ua),
             )
-        if said == GOES_ON and far_hit:
-            return uv, 0.0  # one surface
         if said == ENDS:
             if far_hit:
                 beyond = uv + BESIDE_RIM * (wp.where(near_a, ub, ua) - uv)
