@@ -32,9 +32,9 @@ SIZES = [  # file, units, solid, size of its bounding box in mm (sorted), faces
 
 @pytest.mark.parametrize(("file", "units", "solid", "size", "faces"), SIZES)
 def test_every_file_gives_a_part(data_folder, file, units, solid, size, faces):
-    start = time.perf_counter()
+    start = time.process_time()
     part = load_part(data_folder / "cad" / file, units, solid)
-    assert time.perf_counter() - start < 10.0
+    assert time.process_time() - start < 10.0
     np.testing.assert_allclose(np.sort(np.ptp(part.vertices, axis=0)), size, rtol=2e-3)
     assert part.watertight
     if faces is not None:
