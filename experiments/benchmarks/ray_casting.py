@@ -9,6 +9,8 @@ Embree (`pip install embreex`, where it has a wheel) gets the same rays on one c
 all pixels, then any-hit queries toward the lights. Its rays lie ready in memory and its answers stay there; ours makes
 the rays in the kernel and writes all maps of `ApparentShapes`. The binding hands Embree one ray at a time, so what is
 compared is the program one would get from Python, not the best that Embree's packets could do.
+
+Last, the same pixels filled triangle by triangle (`itree_kernels.raster`): nearest hits alone, no lights.
 """
 
 import json
@@ -27,6 +29,9 @@ import warp as wp
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh, ray_mesh
+from itree_kernels.raster import raster_kernel
+from itree_kernels.rays import camera_vector
+from itree_kernels.warp_start import load_kernel
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
@@ -57,10 +62,13 @@ def main(config: Config) -> None:
         for lights in (LIGHTS[:0], LIGHTS)
         for threads in (sorted({1, os.cpu_count() or 1}) if mesh.device == "cpu" else [1])
     ]
+    filled = []
+    if mesh.device == "cpu":
+        filled = [filled_ratio(mesh, camera, config, embree) for camera in cameras(config.size)]
     machine = {"processor": platform.machine(), "cores": os.cpu_count(), "device": mesh.device, "warp": wp.__version__}
     result = {"machine": machine, "triangles": len(solid.faces), "config": asdict(config) | {"out": str(config.out)}}
     config.out.mkdir(parents=True, exist_ok=True)
-    (config.out / "ray_casting.json").write_text(json.dumps(result | {"rows": rows}, indent=2) + "\n")
+    (config.out / "ray_casting.json").write_text(json.dumps(result | {"rows": rows, "filled": filled}, indent=2) + "\n")
     print(f"{len(solid.faces)} triangles, {config.views} views of {config.size} x {config.size}, {mesh.device}")
     print(
         f"{'camera':<14}{'lights':>7}{'threads':>9}{'seconds':>10}{'Mpixel/s':>10}{'Mray/s':>8}{'Mray/core-s':>13}"
@@ -72,6 +80,10 @@ def main(config: Config) -> None:
             f"{row['pixels_per_second'] / 1e6:>10.2f}{row['rays_per_second'] / 1e6:>8.2f}"
             f"{row['rays_per_core_second'] / 1e6:>13.2f}{ratio_in_words(row):>11}"
         )
+
+    for row in filled:
+        rate = f"{row['pixels_per_core_second'] / 1e6:.2f} Mpixel/core-s, {ratio_in_words(row)} of Embree"
+        print(f"{row['camera']}, filled triangle by triangle: {rate}")
 
 
 def cameras(size: int) -> list[Camera]:
@@ -89,8 +101,7 @@ def measure(
 ) -> dict:
     """Ours and Embree in turns; `of_embree` is the median ratio of rays per second of the processor."""
     lights = lights / np.linalg.norm(lights, axis=1, keepdims=True)
-    R = Rotation.random(config.views, random_state=np.random.RandomState(0)).as_matrix()
-    t = np.tile([0.0, 0.0, 10 * RADIUS], (config.views, 1))
+    R, t = poses(config.views)
     cast_apparent_shapes(mesh, R[:1], t[:1], camera, lights, np.deg2rad(42.0))  # compiles
     seconds, core_seconds, of_embree = [], [], []
     queries = None if embree is None else queries_for_embree(mesh, R, t, camera, lights)
@@ -114,6 +125,42 @@ def measure(
         "of_embree": float(np.median(of_embree)) if of_embree else None,
         "hits_differ": None if queries is None or embree is None else hits_differ(embree, queries, shapes),
     }
+
+
+def filled_ratio(mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None") -> dict:
+    """Seconds of one core that filling takes per pixel; `of_embree` as in `measure`, for nearest hits alone."""
+    R, t = poses(config.views)
+    shape, device = (config.views, camera.height, camera.width), mesh.device
+    depth, triangle = wp.zeros(shape, dtype=float, device=device), wp.zeros(shape, dtype=int, device=device)
+    inputs = [
+        mesh.warp_mesh.points, mesh.warp_mesh.indices, mesh.normals_obj, int(mesh.is_closed),
+        wp.array(R.astype(np.float32), dtype=wp.mat33, device=device),
+        wp.array(t.astype(np.float32), dtype=wp.vec3, device=device),
+        wp.zeros(config.views, dtype=wp.vec2, device=device), camera_vector(camera), int(camera.is_orthographic), 1.0,
+        0, wp.full(config.views, 1, dtype=int, device=device),
+    ]  # fmt: skip
+    load_kernel(raster_kernel, device)
+    queries = None if embree is None else queries_for_embree(mesh, R, t, camera, LIGHTS[:0])
+    seconds, of_embree = [], []
+    for _ in range(config.repeats):
+        start = time.process_time()
+        wp.launch(raster_kernel, dim=config.views, inputs=inputs, outputs=[depth, triangle], device=device)
+        seconds.append(time.process_time() - start)
+        if embree is not None and queries is not None:
+            of_embree.append(embree_seconds(embree, queries) / seconds[-1])
+    shapes = cast_apparent_shapes(mesh, R, t, camera, LIGHTS[:0], np.deg2rad(42.0))
+    return {
+        "camera": camera.kind,
+        "pixels_per_core_second": triangle.size / min(seconds),
+        "of_embree": float(np.median(of_embree)) if of_embree else None,
+        "hits_differ": float(np.mean((triangle.numpy() >= 0) != (shapes.face >= 0))),  # from ours, on outlines
+    }
+
+
+def poses(views: int) -> tuple[np.ndarray, np.ndarray]:
+    """At random attitudes, 10 radii away."""
+    R = Rotation.random(views, random_state=np.random.RandomState(0)).as_matrix()
+    return R, np.tile([0.0, 0.0, 10 * RADIUS], (views, 1))
 
 
 def ratio_in_words(row: dict) -> str:
