@@ -5,7 +5,7 @@
 Rays are those really cast: one for each pixel, and one toward each light from every point that faces it. The rate by
 the clock is for a machine that does nothing else; the rate by the processor's time holds on a shared one too.
 
-Embree (`pip install embreex`, where it has a wheel) gets the same rays on one core, in turns with ours: nearest hits of
+Embree (extra `bench`) gets the same rays on one core, in turns with ours: nearest hits of
 all pixels, then any-hit queries toward the lights. Its rays lie ready in memory and its answers stay there; ours makes
 the rays in the kernel and writes all maps of `ApparentShapes`. The binding hands Embree one ray at a time, so what is
 compared is the program one would get from Python, not the best that Embree's packets could do.
