@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from itree_jax.detections import Step
 from itree_jax.features.region import RegionFeatures
+from itree_jax.kept_functions import kept
 from itree_jax.prepared import PreparedForest
 from itree_jax.region_measures import Measured
 from itree_jax.tree.root import NONE, ROOT_RULES, Quantities, Root, rules_of
@@ -36,7 +36,7 @@ def ask_root(forest: PreparedForest, measured: Mapping[float, Measured], count: 
     return RootAnswer(posterior, forest.root.left(posterior), of_part)
 
 
-@jax.jit
+@kept()
 def root_quantities(features: RegionFeatures) -> tuple[Float[Array, "regions d"], ...]:
     """What each of `ROOT_RULES` compares."""
     return tuple(rule.quantity(features, None) for rule in ROOT_RULES)  # pyright: ignore[reportArgumentType]

@@ -4,7 +4,7 @@
         [--dataset DATASET] [--reasons ours.json] [--out DIR]
 
 The first csv is ours. Beside each csv may lie a JSON file of the same name with `preparation_s` (per object) and
-`scene_cpu_s` (per scene), as the peers write it. Runs in the environment of itree-jax.
+`scene_cpu_s` (per scene), as the peers and `peers.ours` write it. Runs in the environment of itree-jax.
 """
 
 import argparse
@@ -39,7 +39,7 @@ def main(config: Config) -> None:
     costs = {name: cost_of(path) for name, path in config.results.items()}
     peers = {name: config.results[name] for name in others}
     cases = peer_wins(config.dataset, config.results[ours], peers, config.reasons)
-    text = comparison(reports, costs) + "\n" + wins_table(cases)
+    text = "\n".join([comparison(reports, costs), ratios(ours, costs), wins_table(cases)])
     config.out.mkdir(parents=True, exist_ok=True)
     (config.out / "comparison.md").write_text(text)
     print(text)
@@ -64,6 +64,15 @@ def comparison(
             told = costs.get(method, (None, None)) if group == "all" else (None, None)
             lines.append(row(group, method, groups[group], told))
     return "\n".join(lines) + "\n"
+
+
+def ratios(ours: str, costs: Mapping[str, tuple[float | None, float | None]]) -> str:
+    """How many times our CPU seconds a scene each peer takes."""
+    own = costs[ours][0]
+    peers = {name: scene for name, (scene, _) in costs.items() if name != ours and scene is not None}
+    return "".join(
+        f"{name}: {scene / own:.2f} times the CPU seconds of {ours}\n" for name, scene in peers.items() if own
+    )
 
 
 def row(name: str, method: str, group: GroupReport, cost: tuple[float | None, float | None]) -> str:

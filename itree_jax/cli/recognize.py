@@ -107,8 +107,7 @@ class Recognize:
         self, folder: Path, prepared: "list[Prepared]", forests: "Forests", planner: GraspPlanner | None,
         kept: KeptScenes,
     ) -> DoneScene:
-        from itree_jax.grasp import grasps_to_json
-        from itree_jax.results import plain_json, results_document
+        from itree_jax.results import results_document
 
         lights: dict[str, SelfCalibration] | None = {} if self.self_calibrate else None
         try:
@@ -121,12 +120,11 @@ class Recognize:
         card = None if self.report is None else _write_page(kept.pages, scene, found, fitting, grasps)
         if self.world is not None:
             _write_model(kept.models, scene, found, fitting)
-        told = None if grasps is None else plain_json(grasps_to_json(found, grasps))
+        told = None if grasps is None else _grasps_told(found, grasps)
         return DoneScene(folder.name, results_document([found]), told, card, next(iter((lights or {}).values()), None))
 
     def _write(self, done: list[DoneScene], kept: KeptScenes) -> dict[str, Any]:
         """All outputs, and the results of all scenes."""
-        from itree_jax.grasp import grasps_document
         from itree_jax.refinement.light_corrections import joined_corrections
         from itree_jax.results import joined_documents, write_csv_document, write_json_document
 
@@ -140,6 +138,8 @@ class Recognize:
         if self.json is not None:
             write_json_document(answers, self.json)
         if self.grasps is not None:
+            from itree_jax.grasp import grasps_document
+
             write_json_document(grasps_document([one.grasps for one in done if one.grasps is not None]), self.grasps)
         if self.self_calibrate:
             corrected = [one for one in done if one.lights is not None]
@@ -206,6 +206,13 @@ def answer_table(images: "Sequence[dict[str, Any]]"):
         found, lost = str(len(a["detections"])), str(len(a["not_recognised"]))
         table.add_row(f"{a['scene_id']:06d}", found, best, lost, f"{a['time']:.1f}")
     return table
+
+
+def _grasps_told(found: "Detections", grasps: "Grasps") -> dict[str, Any]:
+    from itree_jax.grasp import grasps_to_json  # without grasps, the collisions of grippers need not be imported
+    from itree_jax.results import plain_json
+
+    return plain_json(grasps_to_json(found, grasps))
 
 
 def _publish(kept: Path, folder: Path) -> None:

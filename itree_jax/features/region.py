@@ -23,6 +23,7 @@ from itree_jax.features.polar import RIM, face_angle, polar_map, polar_place, st
 from itree_jax.features.rectify import affine_T, face_axes, gradient_space
 from itree_jax.features.relation import BROTHER_FIELDS, MOST_BROTHERS
 from itree_jax.features.window import Window
+from itree_jax.kept_functions import kept
 
 # Regions measured at once: bounds the memory of the EGI's weights (0.4 MB a region) whatever the number of regions.
 REGIONS_AT_ONCE = 8
@@ -110,7 +111,7 @@ def grown(mask: Array, by: int) -> Array:
     return jax.lax.reduce_window(mask, False, jax.lax.bitwise_or, (side, side), (1, 1), "SAME")
 
 
-@jax.jit
+@kept()
 def measure_batch(
     windows: Window, edges: Float[Array, "n s s 2"] | None = None, needle_std: float | Float[Array, ""] = NEEDLE_STD
 ) -> RegionFeatures:

@@ -11,6 +11,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from jaxtyping import Float, Int
 
+from itree_jax.kept_functions import kept
 from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
 from itree_jax.refinement.optimise import (
@@ -71,7 +72,7 @@ def _seen_by(
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
 
 
-@partial(jax.jit, static_argnames=("size",))
+@kept("size")
 def equations_in_view(
     R_view_obj: Float[Array, "poses 3 3"],
     t_view_obj: Float[Array, "poses 3"],

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from itree_jax.kept_functions import kept
 from itree_jax.sensing.needle import Array, NeedleMap
 
 # Interreflection adds to a lit pixel about 5 % of its albedo (in bins rendered with two bounces, 15 % of the pixels are
@@ -30,7 +31,7 @@ def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
     return mode_of_albedo(jnp.asarray(needle.albedo), jnp.asarray(needle.interpretable))
 
 
-@jax.jit
+@kept()
 def mode_of_albedo(
     albedo: Float[Array, "*batch height width"], interpretable: Bool[Array, "*batch height width"]
 ) -> Float[Array, "*batch"]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
+from itree_jax.kept_functions import kept
 from itree_jax.sensing.albedo import albedo_confidence, mode_of_albedo
 from itree_jax.sensing.least_squares import LightPlanes, Symmetric, light_sum, normal_equations, predicted
 from itree_jax.sensing.near_lights import lights_of
@@ -74,7 +75,7 @@ def needle_map(
     return photometric_stereo(images, *lights, sensor.noise, sensor.slant_limit, albedo_tolerance)
 
 
-@partial(jax.jit, static_argnames=("noise",))
+@kept("noise")
 def photometric_stereo(
     images: Float[Array, "*batch lights height width"],
     light_directions: Float[Array, "*pixels_or_none lights 3"],
@@ -112,7 +113,7 @@ def photometric_stereo(
     return result._replace(interpretable=strict, confidence=jnp.where(strict, result.confidence, 0.0))
 
 
-@partial(jax.jit, static_argnames=("noise",))
+@kept("noise")
 def least_squares(
     images: Float[Array, "*batch lights height width"],
     light_directions: Float[Array, "*pixels_or_none lights 3"],

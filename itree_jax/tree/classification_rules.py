@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from itree_jax.features.characteristics import CHARACTERISTICS
 from itree_jax.features.polar import RADII
 from itree_jax.features.region import RegionFeatures
+from itree_jax.kept_functions import kept
 from itree_jax.tree.likelihood import group_log_likelihood, relational_log_likelihood
 from itree_jax.tree.work_models import (
     GroupModels,
@@ -120,13 +121,13 @@ def rules_in(name: str) -> tuple[int, ...]:
     return tuple(RULE_NAMES.index(one) for one in name.split(PAIR))
 
 
-@jax.jit
+@kept()
 def quantities(features: RegionFeatures, models: GroupModels) -> tuple[Float[Array, "regions d"], ...]:
     """What every rule compares, in the order of `CLASSIFICATION_RULES`."""
     return tuple(rule.quantity(features, models) for rule in CLASSIFICATION_RULES)
 
 
-@jax.jit
+@kept()
 def log_likelihoods(
     measured: tuple[Float[Array, "regions d"], ...],
     samples: tuple[Float[Array, "groups draws d"], ...],

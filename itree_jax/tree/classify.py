@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
+from itree_jax.kept_functions import kept
 from itree_jax.tree.classification_rules import RULE_NAMES, log_likelihoods, quantities, rules_in
 from itree_jax.tree.joining import many_way_nodes, many_way_sides
 from itree_jax.tree.tree import PRUNED, InterpretationTree
@@ -79,7 +80,7 @@ def used_rules(names: list[str]) -> Float[np.ndarray, "nodes rules"]:
     return table
 
 
-@jax.jit
+@kept()
 def classify(features: RegionFeatures, arrays: ClassificationArrays) -> Classification:
     """Walks every region down all branches at once (leading axis regions)."""
     measured = quantities(features, arrays.models)

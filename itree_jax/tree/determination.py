@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE
+from itree_jax.kept_functions import kept
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.batches import multiple_above, on_all_cores
@@ -98,7 +99,7 @@ def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Floa
     return jnp.asarray(np.asarray(symmetries.discrete)[:, :3, :3], jnp.float32), jnp.asarray(axes)
 
 
-@partial(jax.jit, static_argnames=("roll_step",))
+@kept("roll_step")
 def scale_samples(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
     turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,
@@ -140,7 +141,7 @@ def brother_deviation(features: RegionFeatures, row: AppearanceArrays, at: Int[A
     return jnp.where(misfit.reshape(-1)[best] < MOST_MISFIT, jnp.abs(turned), jnp.nan)
 
 
-@partial(jax.jit, static_argnames=("roll_step",))
+@kept("roll_step")
 def rule_errors(
     features: RegionFeatures, R_true: Float[Array, "draws 3 3"], group: Int[Array, "draws"], rows: AppearanceArrays,
     scales: DeterminationScales, turns: Float[Array, "k 3 3"], axes: Float[Array, "m 3"], roll_step: float,

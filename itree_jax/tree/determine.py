@@ -1,6 +1,5 @@
 """The determination part at run time: candidate attitudes of every region, in one compiled call."""
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -9,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
+from itree_jax.kept_functions import kept
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales
 from itree_jax.tree.determination import appearance_arrays, rules_used
 from itree_jax.tree.determination_rules import Candidates, egi_candidates, shape_candidates
@@ -29,7 +29,7 @@ def determination_arrays(tree: InterpretationTree) -> DeterminationArrays:
     return DeterminationArrays(rows, scales, 2.0 * np.pi / tree.rolls)
 
 
-@partial(jax.jit, static_argnames=("by_shape", "by_egi"))
+@kept("by_shape", "by_egi")
 def determine(
     features: RegionFeatures,
     group_log_probability: Float[Array, "regions groups"],

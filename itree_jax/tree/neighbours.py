@@ -14,6 +14,7 @@ import numpy as np
 from itree_kernels.apparent import ApparentShapes
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.kept_functions import kept
 from itree_jax.sensing.needle import Array
 from itree_jax.tree.batches import filled, power_of_two_above
 
@@ -65,7 +66,7 @@ def with_neighbours(views: Views, L: Float[np.ndarray, "lights 3"], pitch: float
     return jax.tree.map(lambda a: np.asarray(a)[:count], found)
 
 
-@jax.jit
+@kept()
 def _put_beside(
     views: Views, others: Views, shift: Int[Array, "n 2"], lift: Float[Array, "n"], L: Float[Array, "lights 3"],
     pitch: Float[Array, ""],

@@ -4,7 +4,7 @@ Model views without noise and noisy draws pass through the same functions, so th
 alike.
 """
 
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -16,6 +16,7 @@ from itree_kernels.noise import sensor_noise
 from jaxtyping import Bool, Float
 
 from itree_jax.features.edges import edge_map, seen_by
+from itree_jax.kept_functions import kept
 from itree_jax.sensing.depth_camera import depth_needle_deviation, depth_noise_of
 from itree_jax.sensing.noise_model import intensity_std
 from itree_jax.sensing.photometric import photometric_stereo
@@ -88,7 +89,7 @@ def window_images(
     return images
 
 
-@partial(jax.jit, static_argnames=("noise",))
+@kept("noise")
 def window_edges(images: Float[jax.Array, "n lights s s"], noise: Noise) -> Float[jax.Array, "n s s 2"]:
     """Edge maps of a batch of windows: what two lights or more show.
 

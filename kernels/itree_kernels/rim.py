@@ -4,8 +4,8 @@ Between two pixels that see different surfaces runs the rim of the nearer one. F
 across the edges of triangles until one faces away: that edge is the rim, to rounding. Rays would find it by halving the
 way, half a microsecond each.
 
-The depth that goes with it is that a little inside: at the rim itself a curved surface falls away by its own size within
-a pixel, and no camera sees that.
+The depth that goes with it is that a little inside: at the rim itself a curved surface falls away by its own size
+within a pixel, and no camera sees that.
 """
 # Warp's kernel language is not Python's, and its stubs know neither its arrays nor its queries.
 # pyright: reportArgumentType=false, reportAssignmentType=false, reportAttributeAccessIssue=false
@@ -44,8 +44,8 @@ def rim_between(
     normal_obj: wp.array(dtype=wp.vec3), R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, start: int,
     ua: wp.vec2, za: float, ub: wp.vec2,
 ):
-    """(`ENDS`, `GOES_ON` to ub, or `UNKNOWN`; image point [px]; z [mm] just inside) for the surface of triangle `start`,
-    which lies at depth za [mm] at ua.
+    """(`ENDS`, `GOES_ON` to ub, or `UNKNOWN`; image point [px]; z [mm] just inside) for the surface of triangle
+    `start`, which lies at depth za [mm] at ua.
 
     Of a closed mesh: `across_edge[3 f + k]` is the triangle beyond the edge from corner k of triangle f.
     """
