@@ -53,7 +53,8 @@ def main(bins: Path, depth: str, trees: Path | None, every: int) -> None:
     fates = list(fates_of_bins(bins, depth, trees, every))
     for fate in fates:
         if fate.step != FOUND:
-            print(f"{fate.scene_id:06d} part {fate.instance}: {fate.step}", f"({fate.score:.2f}, {fate.why})" * bool(fate.why))
+            why = f" ({fate.score:.2f}, {fate.why})" if fate.why else ""
+            print(f"{fate.scene_id:06d} part {fate.instance}: {fate.step}{why}")
     print(fates_table(fates))
 
 
@@ -105,7 +106,8 @@ def fates(
     instance = true_instances(prepared, truth, sight)
     for found in {id(a.found): a.found for a in answers}.values():
         owned += [bool((most_of(found.labels, instance) == k).any()) for k in range(len(owned))]
-    begun = np.min([errors(s, truth, model).min(axis=0) for s in starts], axis=0) if starts else np.full(len(owned), 9.0)
+    nothing = np.full((1, len(owned)), np.inf)
+    begun = np.concatenate([nothing, *(errors(s, truth, model) for s in starts)]).min(axis=0)
     ended = [errors(a.hypotheses, truth, model) for a in answers]
     score = np.concatenate([a.selection.score for a in answers]) if answers else np.zeros(0)
     reason = [r for a in answers for r in a.selection.reason]
