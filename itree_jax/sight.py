@@ -45,6 +45,7 @@ class Sight:
     crease: float | None = None  # [rad] from which on creases of the model are contours too
     depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
     soft_depth: Float[np.ndarray, "height width"] | None = None  # [mm] also where two cameras only matched windows
+    coarse: ObservedMaps | None = None  # what rough poses are held against: the soft depth is good enough for them
     edges: SceneEdges | None = None  # that part regions where there is no depth, or a soft one
     R_w2c: Float[np.ndarray, "3 3"] | None = None
     of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface
@@ -124,7 +125,8 @@ def look_with_two(
 ) -> Sight:
     """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
 
-    Depth where no needle leads is a block matcher's: good enough to see, too soft at steps to be held against a pose.
+    Depth where no needle leads is a block matcher's: good enough to see and to lead rough poses, too soft at steps for a
+    pose to be judged by.
     """
     stereo = dual_photometric_stereo(images, sensor, second, responses[0])
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
@@ -133,6 +135,9 @@ def look_with_two(
     found = regions(placed, depth, sensor, R_w2c)
     edges = scene_edges(images, sensor, needle)
     observed = observe_images(images, sensor, needle, depth, edges)
+    lit = lit_by_any(images, sensor, needle)
+    soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
+    coarse = observed._replace(depth=jnp.asarray(soft, jnp.float32))
     other = read_needles(second.images, second.sensor, None, responses[1])
     beside = observe_images(
         second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
@@ -142,7 +147,7 @@ def look_with_two(
     return Sight(
         found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
-        soft_depth=stereo.depth, edges=edges, R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
+        soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
     )
 
 
