@@ -125,8 +125,8 @@ def look_with_two(
 ) -> Sight:
     """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
 
-    Depth where no needle leads is a block matcher's: good enough to see and to lead rough poses, too soft at steps for a
-    pose to be judged by.
+    Depth where no needle leads is a block matcher's: good enough to see and to lead rough poses, too soft at steps for
+    a pose to be judged by.
     """
     stereo = dual_photometric_stereo(images, sensor, second, responses[0])
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
@@ -148,7 +148,7 @@ def look_with_two(
         found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
         soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
-    )
+    )  # fmt: skip
 
 
 def look_with_one(
