@@ -22,11 +22,15 @@ from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas
 from itree_jax.sight import Sight
+from itree_jax.stereo.dual_stereo import AGREES
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller ones aren't worth every attitude
 MOST_OPEN = 8  # regions at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
+TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
+SOFT = 5  # [px] of the median that takes single wrong matches out
+MOST_TOLD = 0.6  # of a region's pixels with a needle: what has more was read already
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 
 
@@ -133,6 +137,37 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
             found, mean_depth=np.full(found.count, sight.sensor.working_distance), height=np.zeros(found.count)
         )
     return sight.of(found, needle, depth)
+
+
+def unread(sight: Sight, answers: list[Interpretation]) -> Sight | None:
+    """The lit surface that two cameras see, that no accepted pose explains and that needles hardly tell about, as
+    regions of its own; None if there is none.
+
+    One light in shadow leaves a surface without needles. Matched windows tell where it is, to some millimetres, and the
+    images' edges where it ends. Which way it faces is left to the whole dome.
+    """
+    if sight.soft_depth is None or sight.lit is None:
+        return None
+    known = explained(answers, sight.lit.shape)
+    free = sight.lit & (sight.soft_depth > 0.0) & ~known & ~soft_steps(sight.soft_depth)
+    told = np.asarray(sight.needle.interpretable)
+    depth = np.where(free, sight.soft_depth, np.float32(0.0))
+    normals = np.where(told[..., None], np.asarray(sight.needle.normals), TOWARD_VIEWER).astype(np.float32)
+    needle = sight.needle._replace(interpretable=free, normals=normals)
+    flat = regions(needle, None, sight.sensor, sight.R_w2c, sight.edges)
+    found = added(flat.take(np.arange(0)), flat.labels + 1, normals, depth, sight.sensor, sight.R_w2c)
+    inside = found.labels >= 0
+    with_needle = np.bincount(found.labels[inside], told[inside], minlength=found.count)
+    found = found.take(np.flatnonzero(with_needle < MOST_TOLD * found.area_px))
+    return sight.of(found, needle, depth) if found.count else None
+
+
+def soft_steps(depth: Float[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
+    """Where a soft depth map [mm] (0 = none) steps by more than the matching errs by."""
+    smooth = cv2.medianBlur(np.ascontiguousarray(depth, np.float32), SOFT)
+    around = np.ones((3, 3), np.uint8)
+    nearest = cv2.erode(np.where(smooth > 0.0, smooth, np.float32(np.inf)), around)
+    return (cv2.dilate(smooth, around) - nearest) > AGREES
 
 
 def explained(answers: list[Interpretation], shape: tuple[int, int]) -> Bool[np.ndarray, "height width"]:

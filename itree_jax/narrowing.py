@@ -20,17 +20,22 @@ def narrow(
     hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
     keep: Sequence[int] | None = None,
 ) -> RegionHypotheses:
-    """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan."""
+    """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan.
+
+    Rough rounds take what the sight has for them.
+    """
     camera = sight.sensor.camera
     for k, step in enumerate(rounds):
+        rough = step.stage.size < plan.rounds[-2].stage.size
+        observed = sight.coarse if rough and sight.coarse is not None else sight.observed
         poses = refine(
-            hypotheses.poses, model, sight.observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
+            hypotheses.poses, model, observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
         )
         hypotheses = hypotheses._replace(poses=poses)
         edges = plan.jump if step.stage.contour else None
         verdict, _, _ = verify(
-            poses, model, sight.observed, camera, step.tolerances, step.stage.size, edges, sight.others
+            poses, model, observed, camera, step.tolerances, step.stage.size, edges, sight.others
         )
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
         kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)

@@ -20,6 +20,7 @@ from itree_jax.backtracking import (
     every_attitude,
     left_over,
     likeliest,
+    unread,
 )
 from itree_jax.challenge import challenged, settled
 from itree_jax.competition import compete, select
@@ -203,11 +204,14 @@ def search_deeper(
     forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight,
     answers: list[Interpretation],
 ) -> list[Interpretation]:
-    """Backtracking: what the accepted poses leave unexplained is read again, with all attitudes open."""
-    rest = left_over(sight, answers)
-    if rest is None:
-        return answers
-    return compete([*answers, *read_sight(forest, images, rest, DEEP)], sight)
+    """Backtracking: what the accepted poses leave unexplained is read again, with all attitudes open; at last also
+    where no needles are.
+    """
+    for rest_of in (left_over, unread):
+        rest = rest_of(sight, answers)
+        if rest is not None:
+            answers = compete([*answers, *read_sight(forest, images, rest, DEEP)], sight)
+    return answers
 
 
 def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float) -> Detections:

@@ -44,7 +44,9 @@ class Sight:
     beside: tuple[NeedleMap, ...] = ()  # needle maps of the other cameras
     crease: float | None = None  # [rad] from which on creases of the model are contours too
     depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
-    edges: SceneEdges | None = None  # that part regions where there is no depth
+    soft_depth: Float[np.ndarray, "height width"] | None = None  # [mm] also where two cameras only matched windows
+    coarse: ObservedMaps | None = None  # what rough poses are held against: the soft depth is good enough for them
+    edges: SceneEdges | None = None  # that part regions where there is no depth, or a soft one
     R_w2c: Float[np.ndarray, "3 3"] | None = None
     of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface
     lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
@@ -126,22 +128,30 @@ def look_with_two(
 ) -> Sight:
     """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
 
-    Depth where no needle leads is a block matcher's: good enough to see, too soft at steps to be held against a pose.
+    Depth where no needle leads is a block matcher's: good enough to see and to lead rough poses, too soft at steps for
+    a pose to be judged by.
     """
     stereo = dual_photometric_stereo(images, sensor, second, responses[0])
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
     needle = read_needles(images, sensor, None, responses[0])
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
     found = regions(placed, depth, sensor, R_w2c)
-    observed = observe_images(images, sensor, needle, depth)
+    edges = scene_edges(images, sensor, needle)
+    observed = observe_images(images, sensor, needle, depth, edges)
+    lit = lit_by_any(images, sensor, needle)
+    soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
+    coarse = observed._replace(depth=jnp.asarray(soft, jnp.float32))
     other = read_needles(second.images, second.sensor, None, responses[1])
-    beside = observe_images(second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32))
+    beside = observe_images(
+        second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
+        scene_edges(second.images, second.sensor, other),
+    )  # fmt: skip
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
         found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
-        R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
-    )
+        soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
+    )  # fmt: skip
 
 
 def look_with_one(
@@ -164,7 +174,7 @@ def look_with_one(
     none = np.zeros(np.asarray(needle.albedo).shape, np.float32)
     centres = sensor.camera.unproject(found.centroid_uv, level)
     return Sight(
-        found, needle, observe_images(images, sensor, needle, none), centres, STEREO_NOISE, sensor,
+        found, needle, observe_images(images, sensor, needle, none, edges), centres, STEREO_NOISE, sensor,
         edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
     )
 
@@ -184,10 +194,10 @@ def lit_by_any(
 
 def observe_images(
     images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap,
-    depth: Float[np.ndarray, "height width"],
+    depth: Float[np.ndarray, "height width"], edges: SceneEdges,
 ) -> ObservedMaps:
     """What a camera's images show beside its needles: edges, and shading by the parts' albedo."""
-    observed = observe_with_edges(*believed(needle), depth, scene_edges(images, sensor, needle))
+    observed = observe_with_edges(*believed(needle), depth, edges)
     return with_shading(observed, images, sensor, needle)
 
 

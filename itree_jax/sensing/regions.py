@@ -5,7 +5,7 @@ there is no depth map at edges between surfaces (`region_cuts`), and larger than
 bin make regions too: what a region belongs to is for recognition to say.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -38,6 +38,13 @@ class Regions:
     @property
     def count(self) -> int:
         return len(self.area_px)
+
+    def take(self, kept: Int[np.ndarray, "kept"]) -> "Regions":
+        """Some of the regions, numbered anew."""
+        number = np.full(self.count + 1, NO_REGION, np.int32)  # the last one for NO_REGION itself
+        number[kept] = np.arange(len(kept))
+        rest = (getattr(self, f.name)[kept] for f in fields(self)[1:])
+        return Regions(number[self.labels], *rest)
 
     def mask(self, region: int) -> Bool[np.ndarray, "height width"]:
         return self.labels == region

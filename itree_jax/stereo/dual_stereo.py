@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float
 
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.noise_model import intensity_std
 from itree_jax.sensing.reading import read_needles, turned_back
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
@@ -27,6 +28,7 @@ COARSE_STD = 1.5  # [mm] of the block matcher's depths, as deviations of neighbo
 PIECE_STD = 0.7  # [mm] of a piece's depth: a quarter of a pixel
 SHARPEST_STD, DULLEST_STD = 0.4, 20.0  # [mm] of a window's match
 AGREES = 4.0  # [mm] a pixel without a needle is known where the block matcher says the same: a pixel of disparity
+ABSOLUTE_SPREAD = np.sqrt(1.0 - 2.0 / np.pi)  # of a Gaussian's absolute value, over its own deviation
 # What a trusted pixel's depth is off by, as a share of a pixel of disparity; neighbours share nearly all of it.
 MATCH_ERROR = 0.15
 
@@ -111,19 +113,31 @@ def block_matching(pair: EpipolarPair, first: int, last: int) -> Float[np.ndarra
     return np.where(seen, pair.depth(disparity), 0.0)
 
 
+def noise_of_window(pair: EpipolarPair, interpretable: Bool[np.ndarray, "height width"]) -> float:
+    """Standard deviation by noise of a window's mean absolute difference of the views, of full scale."""
+    if not interpretable.any():
+        return 0.0
+    strengths = pair.sensor.light_intensities[:, None]
+    std = np.asarray(intensity_std(pair.left_stored[:, interpretable], pair.sensor.noise)) / strengths
+    of_difference = np.sqrt(2.0) * float(np.median(std))
+    return ABSOLUTE_SPREAD * of_difference / np.sqrt(len(pair.left) * WINDOW**2)
+
+
 def match_windows(
     pair: EpipolarPair, z: Float[np.ndarray, "height width"], reach: float, interpretable: Bool[np.ndarray, "h w"]
 ) -> tuple[Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
     """Depth [mm] and its deviation [mm] from windows along the surface z, moved by up to `reach` [px] of disparity.
 
     How sharply the difference of the views rises about its least tells the deviation: that of the median lit window is
-    a quarter of a pixel.
+    a quarter of a pixel. A window without texture looks alike wherever it lies: to move by the whole reach, the views
+    must come to agree better by more than noise makes them differ, so that it stays where needles put it.
     """
     disparity = pair.disparity(z)
     steps = np.linspace(-reach, reach, 17)
     cost = np.stack([
         cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW)) for step in steps
     ])
+    cost += noise_of_window(pair, interpretable) * np.square(steps / reach)[:, None, None]
     place, _, bend = lowest_point(cost, steps)
     bend = bend / (steps[1] - steps[0]) ** 2
     usual = float(np.median(bend[interpretable])) if interpretable.any() else float(np.median(bend))

@@ -4,6 +4,8 @@ The geometry: f = 1815 px, 900 mm away, cameras 120 mm apart, so that a pixel is
 disparity 3.7 mm deep; 0.3 mm are a twelfth of a pixel of disparity.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -12,11 +14,24 @@ from itree_kernels.instances import Material
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
+from itree_jax.backtracking import MOST_TOLD, soft_steps, unread
 from itree_jax.sensing.reading import read_needles
-from itree_jax.stereo.dual_stereo import block_matching, dual_photometric_stereo, searched
+from itree_jax.sight import look
+from itree_jax.stereo.dual_stereo import AGREES, block_matching, dual_photometric_stereo, match_windows, searched
 from itree_jax.stereo.second_camera import epipolar_pair, to_first_camera
 
-from .two_views import ASIDE, CAMERA, PARALLEL, SHIFTED, TwoViews, as_mesh, converging, two_views
+from .two_views import (
+    ASIDE,
+    CAMERA,
+    PARALLEL,
+    SHIFTED,
+    TwoViews,
+    as_mesh,
+    converging,
+    second_of,
+    sensor_with,
+    two_views,
+)
 
 CAMERAS = {"parallel": (SHIFTED, PARALLEL, ASIDE), "turned": (CAMERA, *converging())}
 
@@ -71,3 +86,44 @@ def test_block_matching_reaches_the_sides_that_both_cameras_see(small_bin):
     there = (np.indices(depth.shape)[1] - pair.disparity(depth))[seen]
     assert there.min() >= -0.01
     assert there.max() <= CAMERA.width - 0.99
+
+
+def test_windows_without_texture_stay_where_needles_put_them():
+    """All places of a uniform surface look alike, so that none is better than the one it has."""
+    images = np.full((3, CAMERA.height, CAMERA.width), 0.4, np.float32)
+    pair = epipolar_pair(images, sensor_with(CAMERA), second_of(images, SHIFTED, PARALLEL, ASIDE))
+    z = np.full(images.shape[1:], 880.0)
+    lit = np.ones(z.shape, bool)
+    uniform = replace(pair, left=np.full_like(images, 0.4), right=np.full_like(images, 0.4))
+    for reach in (2.0, 1.0):
+        matched, _ = match_windows(uniform, z, reach, lit)
+        seen_by_both = matched[:, 60:]
+        np.testing.assert_allclose(seen_by_both, 880.0, atol=0.01)
+
+
+def test_surface_without_needles_makes_regions_of_its_own(small_bin):
+    """Blind needles on one of two parts: windows and edges still tell that something lies there, and how far."""
+    sight = look(small_bin.images, small_bin.sensor, None, None, small_bin.second)
+    blind = small_bin.lit.instance == 0
+    needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~blind)
+    rest = unread(replace(sight, needle=needle), [])
+    assert rest is not None
+    for region in range(rest.found.count):
+        told = np.asarray(needle.interpretable)[rest.found.mask(region)]
+        assert told.mean() < MOST_TOLD
+    on_it = [r for r in range(rest.found.count) if blind[rest.found.mask(r)].mean() > 0.9]
+    covered = np.isin(rest.found.labels, on_it) & blind
+    assert covered.sum() > 0.5 * blind.sum()
+    largest = max(on_it, key=lambda r: rest.found.area_px[r])
+    true = np.median(small_bin.lit.depth[rest.found.mask(largest)])
+    assert abs(rest.found.mean_depth[largest] - true) < AGREES
+    assert unread(replace(sight, soft_depth=None), []) is None
+
+
+def test_a_soft_step_is_no_slope():
+    u = np.arange(60.0)
+    slope = np.tile(900.0 + 0.5 * np.tan(np.radians(60.0)) * u, (40, 1)).astype(np.float32)
+    assert not soft_steps(slope).any()
+    slope[:, 30:] += 10.0
+    assert soft_steps(slope)[:, 29:31].any(axis=1).all()
+    assert not soft_steps(slope)[:, :27].any()

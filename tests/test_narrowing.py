@@ -1,0 +1,44 @@
+"""Rounds of refining and verifying: which maps each of them holds poses against."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from itree_jax import narrowing
+from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.schedule import schedule
+from itree_jax.refinement.verify import Verdict
+from itree_jax.sensing.bundled import bundled_sensor
+
+
+@pytest.mark.parametrize("coarse", [None, "coarse"])
+def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
+    """The last two rounds, and with them all that judges a pose, hold it against what was measured well."""
+    refined, verified = [], []
+    plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
+    sight = SimpleNamespace(
+        observed="observed", coarse=coarse, sensor=SimpleNamespace(camera=None), others=(), crease=None
+    )
+
+    def refine(poses, model, observed, *_):
+        refined.append(observed)
+        return poses
+
+    def verify(poses, model, observed, *_):
+        verified.append(observed)
+        return Verdict(*np.ones((7, 1))), None, 1
+
+    monkeypatch.setattr(narrowing, "refine", refine)
+    monkeypatch.setattr(narrowing, "verify", verify)
+    pose = Hypotheses(np.eye(3, dtype=np.float32)[None], np.zeros((1, 3), np.float32))
+    alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), np.zeros(1, bool))
+    model = SimpleNamespace(diameter=80.0)
+    for rounds in (plan.rounds, plan.turned, plan.rounds[-2:]):
+        refined.clear()
+        verified.clear()
+        narrowing.narrow(alone, model, sight, rounds, plan)
+        rough = len(rounds) - 2
+        assert refined == [coarse or "observed"] * rough + ["observed"] * 2
+        assert verified == refined
