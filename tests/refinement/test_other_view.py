@@ -110,7 +110,7 @@ def test_two_cameras_tell_the_range_that_one_leaves_loose():
     assert std[1] < 0.4 * std[0]
     assert off[1].max() < 1.0
     assert off[1][2] < 3.0 * std[1]
-    assert off[1][2] < 0.3 * off[0][2]
+    assert off[1][2] < 0.5 * off[0][2]
 
 
 def test_a_camera_that_sees_nothing_changes_nothing():
