@@ -20,8 +20,9 @@ import jax
 import numpy as np
 from itree_kernels.errors import ItreeError
 from itree_kernels.whole_files import write_whole
-from jax import export
 from jax.core import Tracer
+from jax.export import Exported, deserialize, register_namedtuple_serialization
+from jax.export import export as exported
 
 R = TypeVar("R")
 
@@ -79,7 +80,7 @@ class KeptFunction(Generic[R]):
         found = _read(path)
         if found is None:
             of_leaves.__name__ = self._name
-            found = export.export(jax.jit(of_leaves))(*map(_argument, leaves))
+            found = exported(jax.jit(of_leaves))(*map(_argument, leaves))
             _write(path, bytes(found.serialize()))
         return jax.jit(found.call)
 
@@ -92,14 +93,14 @@ def programs_folder() -> Path | None:
     return Path(folder) / FOLDER
 
 
-def _read(path: Path) -> export.Exported | None:
+def _read(path: Path) -> Exported | None:
     """None where there is no program, or one that is not whole."""
     try:
         content = path.read_bytes()
     except OSError:
         return None
     digest, program = content[:DIGEST], content[DIGEST:]
-    return export.deserialize(bytearray(program)) if hashlib.sha256(program).digest() == digest else None
+    return deserialize(bytearray(program)) if hashlib.sha256(program).digest() == digest else None
 
 
 def _write(path: Path, program: bytes) -> None:
@@ -168,4 +169,4 @@ def _tuples_in(annotation: Any) -> Iterator[type]:
 
 @cache
 def _register(kind: type) -> None:
-    export.register_namedtuple_serialization(cast(Any, kind), serialized_name=f"{kind.__module__}.{kind.__qualname__}")
+    register_namedtuple_serialization(cast(Any, kind), serialized_name=f"{kind.__module__}.{kind.__qualname__}")
