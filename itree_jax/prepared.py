@@ -11,7 +11,6 @@ from jaxtyping import Float, Int
 from itree_jax.open_attitudes import distinct_attitudes
 from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
-from itree_jax.refinement.coarse import coarse_mesh
 from itree_jax.refinement.hypotheses import NEARLY_SAME, turns_about_axes
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.solids import Solid, solid
@@ -62,8 +61,7 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     reach = mesh_reach(mesh)
     surface = padded_surface(smooth_surface(mesh))
-    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface,
-                        coarse_mesh(mesh, reach))
+    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), rival_turns(tree),
                     distinct_attitudes(part, tree.symmetries))

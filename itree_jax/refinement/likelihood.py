@@ -79,7 +79,7 @@ def _seen_by(
     reckoned = errors_of(*(float(v) for v in errors))
 
     def weigh(seen, first: int, last: int) -> None:
-        weigh_rows(seen, by, model.mesh_for(size).normals_obj, reckoned, first, last, weighed)
+        weigh_rows(seen, by, model.mesh.normals_obj, reckoned, first, last, weighed)
 
     seen = cast_in(by.camera, R, t, model, size, stride, edges, weigh, weighing_kernel)
     rows = (a.numpy().sum(axis=1) for a in (weighed.lit, weighed.contour))

@@ -21,7 +21,6 @@ from itree_kernels.warp_start import load_kernel
 from itree_kernels.windows import Rays, Windows, windows
 from jaxtyping import Float
 
-from itree_jax.refinement.coarse import LARGEST
 from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import ObservedMaps, seen_by
 from itree_jax.refinement.residuals import Deviations
@@ -47,11 +46,6 @@ class RefineModel:
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
     surface: SmoothSurface | None = None  # what the triangles stand for, padded likewise; None: themselves
-    coarse: RayMesh | None = None  # for rough windows (see `coarse_mesh`); None: the mesh itself
-
-    def mesh_for(self, size: int) -> RayMesh:
-        """What rays are cast at in windows of this many pixels per side."""
-        return self.coarse if self.coarse is not None and size <= LARGEST else self.mesh
 
 
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
@@ -147,7 +141,7 @@ def _refine_stage(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, views: Sequence[SeenBy],
     deviations: Deviations, stage: Stage, stride: int, jump: float, crease: float | None,
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    mesh, device, count = model.mesh_for(stage.size), model.mesh.device, len(t)
+    mesh, device, count = model.mesh, model.mesh.device, len(t)
     pose = poses_on_device(R, t, device)
     there = [pose, *(poses_on_device(R, t, device) for _ in views[1:])]
     seen = [windows(R, t, np.zeros((count, 2)), stage.size, stride, device, stage.contour) for _ in views]
@@ -196,7 +190,7 @@ def cast_in(
     """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
     device = model.mesh.device
     seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, jump is not None)
-    rays = Rays(model.mesh_for(size), camera, model.reach, jump, None)
+    rays = Rays(model.mesh, camera, model.reach, jump, None)
 
     def cast_some(first: int, last: int) -> None:
         rays.cast(seen, first, last)

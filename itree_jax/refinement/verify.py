@@ -71,7 +71,7 @@ def _counts_in(
     counts = row_counts(len(t), size, model.mesh.device)
 
     def count(seen, first: int, last: int) -> None:
-        count_rows(seen, by, model.mesh_for(size).normals_obj, limits, first, last, counts)
+        count_rows(seen, by, model.mesh.normals_obj, limits, first, last, counts)
 
     seen = cast_in(by.camera, R, t, model, size, stride, jump, count, agreement_kernel)
     return summed(counts), seen.origin_uv.numpy()
