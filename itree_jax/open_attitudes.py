@@ -34,7 +34,7 @@ def all_attitudes() -> Float[np.ndarray, "views_rolls 3 3"]:
 
 def distinct_attitudes(part: Part, symmetries: Symmetries) -> Int[np.ndarray, "distinct"]:
     """Indices into `all_attitudes`: of those that one of the part's symmetries takes to within half a step of each
-    other, the first. A part of revolution has a tenth of them, a part without symmetry all.
+    other, the first. A part of revolution has a seventh of them, a part without symmetry all.
     """
     R = all_attitudes()
     if len(symmetries.discrete) == 1 and not symmetries.continuous:

@@ -135,7 +135,7 @@ def length_terms(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n term
 
 
 def _powers(x: Float[np.ndarray, "n"], most: int) -> list[Float[np.ndarray, "n"]]:
-    """x to the 0th .. `most`, by multiplication: NumPy's power takes ten times as long."""
+    """x to the 0th .. `most`, by multiplication, which is faster than NumPy's power."""
     powers = [np.ones_like(x)]
     for _ in range(most):
         powers.append(powers[-1] * x)

@@ -2,7 +2,7 @@
 
 Between two pixels that see different surfaces runs the rim of the nearer one. From the nearer pixel the way leads
 across the edges of triangles until one faces away: that edge is the rim, to rounding. Rays would find it by halving the
-way, half a microsecond each.
+way, less exactly.
 
 The depth that goes with it is that a little inside: at the rim itself a curved surface falls away by its own size
 within a pixel, and no camera sees that.
