@@ -23,7 +23,7 @@ from quality.comparison import markdown_table
 
 from itree_jax import recognition
 from itree_jax.answers import Interpretation, pose_matrix
-from itree_jax.cli.recognize import load_with_trees, with_depth_from
+from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.evaluation.score import STRICT, VISIBLE
 from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
 from itree_jax.prepared import Prepared, prepare, prepare_forest
