@@ -38,7 +38,7 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared, plan = answer.prepared, plan_of(answer, sight)
     poses = answer.hypotheses.take(new)
     turned = turned_poses(poses, prepared, sight.sensor, plan.turned[0].stage.size)
-    turned = narrow(turned, prepared.model, sight, plan.turned, plan)
+    turned = narrow(turned, prepared, sight, plan.turned, plan)
     turned = turned._replace(region=poses.region[turned.region], challenged=np.ones(len(turned.region), bool))
     met = answer.hypotheses.challenged.copy()
     met[new] = True

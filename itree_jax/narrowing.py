@@ -9,7 +9,7 @@ from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import RegionHypotheses, agreement, best_of_each_region, rough_share
 from itree_jax.refinement.likelihood import support
-from itree_jax.refinement.optimise import RefineModel, refine
+from itree_jax.refinement.optimise import refine
 from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged
 from itree_jax.refinement.verify import verify
@@ -17,14 +17,14 @@ from itree_jax.sight import Sight
 
 
 def narrow(
-    hypotheses: RegionHypotheses, model: RefineModel, sight: Sight, rounds: Sequence[Round], plan: Schedule,
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, rounds: Sequence[Round], plan: Schedule,
     keep: Sequence[int] | None = None,
 ) -> RegionHypotheses:
     """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan.
 
     Rough rounds take what the sight has for them.
     """
-    camera = sight.sensor.camera
+    model, symmetries, camera = prepared.model, prepared.tree.symmetries, sight.sensor.camera
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
         observed = sight.coarse if rough and sight.coarse is not None else sight.observed
@@ -38,7 +38,8 @@ def narrow(
             poses, model, observed, camera, step.tolerances, step.stage.size, edges, sight.others
         )
         score = agreement(verdict) if step.stage.contour else rough_share(verdict)
-        kept = best_of_each_region(score, hypotheses, keep[k] if keep else step.keep, model.diameter)
+        most = keep[k] if keep else step.keep
+        kept = best_of_each_region(score, hypotheses, most, symmetries, model.diameter)
         hypotheses = hypotheses.take(kept)
     return hypotheses
 

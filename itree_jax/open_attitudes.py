@@ -7,8 +7,7 @@ from itree_cad.part import Part
 from itree_cad.symmetry import Symmetries
 from jaxtyping import Float, Int
 
-from itree_jax.refinement.ambiguity import same_part_distance
-from itree_jax.refinement.hypotheses import NEARLY_SAME
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.representative import roll_rotation
 

@@ -9,10 +9,10 @@ from itree_kernels.mesh import ray_mesh
 from jaxtyping import Float, Int
 
 from itree_jax.open_attitudes import distinct_attitudes
-from itree_jax.refinement.ambiguity import same_part_distance
 from itree_jax.refinement.bending import smooth_surface
-from itree_jax.refinement.hypotheses import NEARLY_SAME, turns_about_axes
+from itree_jax.refinement.hypotheses import turns_about_axes
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays

@@ -171,7 +171,7 @@ def seen_again(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared = answer.prepared
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     everyone = [len(answer.hypotheses.region)] * 2
-    hypotheses = narrow(answer.hypotheses, prepared.model, sight, plan.rounds[-2:], plan, everyone)
+    hypotheses = narrow(answer.hypotheses, prepared, sight, plan.rounds[-2:], plan, everyone)
     judged = judge(hypotheses, prepared, sight, plan)
     selection = select(judged, prepared, hypotheses, sight)
     return replace(answer, hypotheses=hypotheses, judged=judged, selection=selection)
@@ -249,8 +249,8 @@ def interpret(
     beam: Beam,
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
-    tree, model, sensor = prepared.tree, prepared.model, sight.sensor
-    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * model.reach)
+    tree, sensor = prepared.tree, sight.sensor
+    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.model.reach)
     classification = jax.device_get(classify(features, prepared.classification))
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
@@ -263,7 +263,7 @@ def interpret(
         if len(large):
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
-    hypotheses = narrow(hypotheses, model, sight, plan.rounds, plan, beam.keep)
+    hypotheses = narrow(hypotheses, prepared, sight, plan.rounds, plan, beam.keep)
     judged = judge(hypotheses, prepared, sight, plan)
     selection = select(judged, prepared, hypotheses, sight)
     answer = Interpretation(

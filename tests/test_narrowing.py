@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from itree_cad.symmetry import Symmetries
 
 from itree_jax import narrowing
 from itree_jax.refinement.hypotheses import RegionHypotheses
@@ -34,11 +35,12 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
     monkeypatch.setattr(narrowing, "verify", verify)
     pose = Hypotheses(np.eye(3, dtype=np.float32)[None], np.zeros((1, 3), np.float32))
     alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), np.zeros(1, bool))
-    model = SimpleNamespace(diameter=80.0)
+    symmetries = Symmetries(np.eye(4)[None], ())
+    part = SimpleNamespace(model=SimpleNamespace(diameter=80.0), tree=SimpleNamespace(symmetries=symmetries))
     for rounds in (plan.rounds, plan.turned, plan.rounds[-2:]):
         refined.clear()
         verified.clear()
-        narrowing.narrow(alone, model, sight, rounds, plan)
+        narrowing.narrow(alone, part, sight, rounds, plan)
         rough = len(rounds) - 2
         assert refined == [coarse or "observed"] * rough + ["observed"] * 2
         assert verified == refined

@@ -4,31 +4,10 @@ import numpy as np
 from itree_cad.symmetry import Symmetries
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.refinement.hypotheses import NEARLY_SAME, pose_distance
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.scoring import REFINEMENT_NATS
 
 FARTHEST = 6.0  # times as much: beyond it a rival has no share
-
-
-def same_part_distance(
-    R_a: Float[np.ndarray, "*n 3 3"], t_a: Float[np.ndarray, "*n 3"], R_b: Float[np.ndarray, "3 3"],
-    t_b: Float[np.ndarray, "3"], symmetries: Symmetries, diameter: float,
-) -> Float[np.ndarray, "*n"]:
-    """How far apart [mm] poses carry a part's rim, the least over its symmetries.
-
-    About an axis of revolution, how far apart they carry the axis's ends.
-    """
-    distances = []
-    for turn in np.asarray(symmetries.discrete, float):
-        R_c, t_c = R_b @ turn[:3, :3], R_b @ turn[:3, 3] + t_b
-        if symmetries.continuous:
-            axis, point = symmetries.continuous[0]
-            ends = [point + 0.5 * diameter * sign * np.asarray(axis) for sign in (1.0, -1.0)]
-            apart = [np.linalg.norm(R_a @ e + t_a - (R_c @ e + t_c), axis=-1) for e in ends]
-            distances.append(np.maximum(*apart))
-        else:
-            distances.append(pose_distance(R_a, t_a, R_c, t_c, diameter))
-    return np.min(distances, axis=0)
 
 
 def rivals(

@@ -4,17 +4,18 @@ from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
+from itree_cad.symmetry import Symmetries
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.verify import Verdict
 
 FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
 MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with another
 ROUND_EXTENT = 1.15  # of a part that is nearly round: its extent changes less all around
 ROUND_TURNS = 2.0 * np.pi * np.arange(1, 15) / 15  # [rad]: none of them a cube's, 24 degrees apart
-NEARLY_SAME = 0.1  # of the diameter: two hypotheses whose rims differ by less are one
 
 
 class RegionHypotheses(NamedTuple):
@@ -71,34 +72,25 @@ def contour_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
 
 
 def best_of_each_region(
-    score: Float[np.ndarray, "hypotheses"], hypotheses: RegionHypotheses, most: int, diameter: float
+    score: Float[np.ndarray, "hypotheses"], hypotheses: RegionHypotheses, most: int, symmetries: Symmetries,
+    diameter: float, nearly: float = NEARLY_SAME,
 ) -> Int[np.ndarray, "kept"]:
-    """Indices of the `most` best hypotheses of every region, leaving out those that repeat a better one."""
+    """Indices of the `most` best hypotheses of every region, leaving out those that repeat a better one: that carry
+    the part, as its symmetries leave it, to within `nearly` of the diameter [mm] of where the better one does.
+    """
     kept: list[int] = []
-    R, t = hypotheses.poses
+    R, t = (np.asarray(a, float) for a in hypotheses.poses)
     for region in np.unique(hypotheses.region):
         order = np.flatnonzero(hypotheses.region == region)
         order = order[np.argsort(-score[order], kind="stable")]
-        R_open, t_open = R[order].reshape(-1, 9), t[order]
         for _ in range(most):
-            kept.append(int(order[0]))
-            turn = np.arccos(np.clip((R_open @ R_open[0] - 1.0) / 2.0, -1.0, 1.0))
-            apart = np.sqrt(np.square(t_open - t_open[0]).sum(axis=1)) + turn * (diameter / 2.0)
-            other = apart >= NEARLY_SAME * diameter
-            other[0] = False
-            order, R_open, t_open = order[other], R_open[other], t_open[other]
+            best, order = order[0], order[1:]
+            kept.append(int(best))
+            apart = same_part_distance(R[order], t[order], R[best], t[best], symmetries, diameter)
+            order = order[apart >= nearly * diameter]
             if not len(order):
                 break
     return np.array(kept, int)
-
-
-def pose_distance(
-    R: Float[np.ndarray, "*n 3 3"], t: Float[np.ndarray, "*n 3"], S: Float[np.ndarray, "*m 3 3"],
-    s: Float[np.ndarray, "*m 3"], diameter: float,
-) -> Float[np.ndarray, "*k"]:
-    """How far apart [mm] two poses carry a part's rim, about: shift plus turn times half the diameter."""
-    cosine = np.clip((np.sum(R * S, axis=(-2, -1)) - 1.0) / 2.0, -1.0, 1.0)
-    return np.linalg.norm(t - s, axis=-1) + np.arccos(cosine) * diameter / 2.0
 
 
 def turns_about_axes(

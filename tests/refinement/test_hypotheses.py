@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
 from itree_cad.primitives import box_part, sphere_part
+from itree_cad.symmetry import Symmetries
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
@@ -13,11 +14,13 @@ from itree_jax.refinement.hypotheses import (
     joined,
     main_axes,
     place,
-    pose_distance,
     turned_about_axes,
     turns_about_axes,
 )
 from itree_jax.refinement.optimise import Hypotheses
+
+NONE = Symmetries(np.eye(4)[None], ())
+TWO_FOLD = Symmetries(np.stack([np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])]), ())
 
 
 def rotations(count: int, seed: int) -> np.ndarray:
@@ -120,29 +123,29 @@ def test_placing_puts_the_appearances_point_on_the_regions(kind):
     np.testing.assert_allclose(np.einsum("rkab,rkb->rka", R, centroid) + t, np.tile(X[:, None], (1, 3, 1)), atol=1e-9)
 
 
-def test_pose_distance():
-    """A shift by itself; a turn by half the diameter's arc; nothing between equal poses."""
-    R, S = rotations(2, 6)
-    t = np.array([1.0, 2.0, 3.0])
-    assert pose_distance(R, t, R, t, 50.0) == pytest.approx(0.0, abs=1e-5)
-    assert pose_distance(R, t, R, t + np.array([3.0, 0, 4.0]), 50.0) == pytest.approx(5.0, abs=1e-5)
-    turn = Rotation.from_rotvec([0.0, 0.3, 0.0]).as_matrix()
-    assert pose_distance(turn @ R, t, R, t, 50.0) == pytest.approx(0.3 * 25.0)
-    assert pose_distance(R, t, S, -t, 50.0) == pytest.approx(pose_distance(S, -t, R, t, 50.0))
-
-
 def test_the_best_of_each_region_without_repetitions():
     found = hypotheses(12, [0] * 6 + [3] * 6)
     R, t = (a.copy() for a in found.poses)
     R[1], t[1] = R[0], t[0] + 0.01  # repeats hypothesis 0
     found = found._replace(poses=Hypotheses(R, t))
     score = np.array([0.9, 0.8, 0.7, 0.1, 0.2, 0.3, 0.5, 0.4, 0.6, 0.1, 0.0, -1.0])
-    kept = best_of_each_region(score, found, 3, diameter=20.0)
+    kept = best_of_each_region(score, found, 3, NONE, 20.0)
     assert kept.tolist() == [0, 2, 5, 8, 6, 7]
     assert found.take(kept).region.tolist() == [0, 0, 0, 3, 3, 3]
-    assert best_of_each_region(score, found, 100, diameter=20.0).tolist().count(1) == 0
+    assert best_of_each_region(score, found, 100, NONE, 20.0).tolist().count(1) == 0
     score[1] = 0.95  # the better of two that are the same stays
-    assert best_of_each_region(score, found, 1, diameter=20.0).tolist() == [1, 8]
+    assert best_of_each_region(score, found, 1, NONE, 20.0).tolist() == [1, 8]
+
+
+def test_what_a_symmetry_makes_of_a_better_pose_repeats_it():
+    """A half turn under which the part is the same leaves nothing else to look at; under which it isn't, it does."""
+    found = hypotheses(4, [0] * 4)
+    R, t = (a.copy() for a in found.poses)
+    R[1], t[1] = R[0] @ TWO_FOLD.discrete[1][:3, :3], t[0]
+    found = found._replace(poses=Hypotheses(R, t))
+    score = np.array([0.9, 0.8, 0.7, 0.6])
+    assert best_of_each_region(score, found, 2, TWO_FOLD, 20.0).tolist() == [0, 2]
+    assert best_of_each_region(score, found, 2, NONE, 20.0).tolist() == [0, 1]
 
 
 def test_turned_hypotheses_show_the_turned_part():
