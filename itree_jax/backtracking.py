@@ -7,6 +7,7 @@ where every attitude of the dome is open.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,13 +21,13 @@ from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
-from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas
+from itree_jax.sensing.segments import depth_segments, faces_of_segments
 from itree_jax.sight import Sight
 from itree_jax.stereo.dual_stereo import AGREES
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
-LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller ones aren't worth every attitude
-MOST_OPEN = 8  # regions at which every attitude is asked for, the largest first
+LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
+MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
 SOFT = 5  # [px] of the median that takes single wrong matches out
@@ -63,30 +64,53 @@ def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
     return hypotheses.take(np.sort(np.concatenate(kept)))
 
 
-def every_attitude(
-    prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"], R_ray_cam: Float[np.ndarray, "regions 3 3"]
-) -> RegionHypotheses:
-    """The whole dome at every region, placed by the surface that hangs together with it.
+class Places(NamedTuple):
+    """Where a part may lie of which no rule tells the attitude."""
 
-    Each stands for the appearance of the nearest attitude in the tree.
+    region: Int[np.ndarray, "places"]  # that it holds
+    centre: Float[np.ndarray, "places 3"]  # the middle of the surface that it shows, camera frame [mm]
+
+
+def open_places(prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]) -> Places:
+    """The middle of every surface that hangs together and is no larger than what a part shows; in a pile of parts that
+    touch, the middle of each region. The largest `MOST_OPEN` that are large enough.
+
+    A surface that shadows and edges part into several regions is one place: its regions alone may be too small to be
+    asked, and all of them would ask the same.
     """
+    found, held = sight.found, sight.held
+    pile = held.area_mm2[asked] > prepared.largest_view
+    area = np.where(pile, found.area_mm2[asked], held.area_mm2[asked])
+    own = sight.sensor.camera.unproject(found.centroid_uv[asked], found.mean_depth[asked])
+    centre = np.where(pile[:, None], own, held.centre[asked])
+    surface = np.where(pile, -1 - asked, held.segment[asked])
+    largest_first = np.argsort(-found.area_mm2[asked], kind="stable")
+    first = largest_first[np.sort(np.unique(surface[largest_first], return_index=True)[1])]
+    first = first[area[first] >= LEAST_OPEN * prepared.usual_area]
+    first = np.sort(first[np.argsort(-area[first], kind="stable")][:MOST_OPEN])
+    return Places(asked[first], centre[first])
+
+
+def every_attitude(
+    prepared: Prepared, sight: Sight, places: Places, R_ray_cam: Float[np.ndarray, "regions 3 3"]
+) -> RegionHypotheses:
+    """The whole dome at every place. Each attitude stands for the appearance of the nearest one in the tree."""
     tree, kept = prepared.tree, prepared.attitudes
-    R_ray_obj = all_attitudes()[kept]
+    R_ray_obj, R_ray_cam = all_attitudes()[kept], R_ray_cam[places.region]
     attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    R = np.einsum("rca,kcb->rkab", R_ray_cam[asked], R_ray_obj)
-    region, row = np.repeat(asked, len(kept)), np.tile(with_row[1][nearest], len(asked))
-    centres = open_centres(prepared, sight, asked)
-    t = centres[:, None] - shown_beside(prepared, sight, R_ray_cam[asked], centres)[:, kept]
+    R = np.einsum("rca,kcb->rkab", R_ray_cam, R_ray_obj)
+    region, row = np.repeat(places.region, len(kept)), np.tile(with_row[1][nearest], len(places.region))
+    t = places.centre[:, None] - shown_beside(prepared, sight, R_ray_cam, places.centre)[:, kept]
     poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.reshape(-1, 3).astype(np.float32))
     return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
 
 
 def shown_beside(
-    prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "asked 3 3"],
-    t_cam_obj: Float[np.ndarray, "asked 3"],
-) -> Float[np.ndarray, "asked attitudes 3"]:
+    prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "places 3 3"],
+    t_cam_obj: Float[np.ndarray, "places 3"],
+) -> Float[np.ndarray, "places attitudes 3"]:
     """How far from the part's origin the middle of what it shows lies [mm] at these places, in `all_attitudes`.
 
     Rolled about the ray, a part shows the same: each view is rendered once.
@@ -96,21 +120,6 @@ def shown_beside(
     shown = visible_centres(Hypotheses(R, t), prepared.model, sight.sensor.camera, PLACING_SIZE) - t
     in_ray = np.einsum("rab,rvb->rva", R_ray_cam, shown.reshape(len(R_ray_cam), -1, 3))
     return np.einsum("rca,kcb,rvb->rvka", R_ray_cam, rolls(), in_ray).reshape(len(R_ray_cam), -1, 3)
-
-
-def open_centres(
-    prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]
-) -> Float[np.ndarray, "asked 3"]:
-    """Where the surface of a part lies that holds a region [mm]: in the middle of what hangs together with it, or of
-    the region itself where that is more than a part can show, as in a pile of parts that touch.
-    """
-    found = sight.found
-    if sight.depth is None:
-        return sight.segment_centre[asked]
-    most = np.pi / 4.0 * prepared.tree.part.diameter**2
-    own = sight.sensor.camera.unproject(found.centroid_uv[asked], found.mean_depth[asked])
-    pile = segment_areas(found.labels, sight.depth, sight.sensor)[asked] > most
-    return np.where(pile[:, None], own, sight.segment_centre[asked])
 
 
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:

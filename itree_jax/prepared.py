@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import overload
 
 import numpy as np
+from itree_cad.part import Part
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Float, Int
 
@@ -17,6 +18,7 @@ from itree_jax.refinement.solids import Solid, solid
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
+from itree_jax.tree.dome import dome
 from itree_jax.tree.forest import Forest, compile_forest
 from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
@@ -34,6 +36,12 @@ class Prepared:
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
+    largest_view: float  # the largest area that it shows, across the line of sight [mm^2], or somewhat more
+
+    @property
+    def usual_area(self) -> float:
+        """Of the part's regions [mm^2]."""
+        return float(np.median(self.tree.appearances.area))
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,17 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), rival_turns(tree),
-                    distinct_attitudes(part, tree.symmetries))
+                    distinct_attitudes(part, tree.symmetries), largest_view(part))
+
+
+def largest_view(part: Part) -> float:
+    """The largest area [mm^2] of what any view of the dome shows: all that faces it, hidden or not, and no more than
+    the part's own circle.
+    """
+    corners = np.asarray(part.vertices, float)[np.asarray(part.triangles)]
+    half_cross = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = np.maximum(half_cross @ dome().directions.T, 0.0).sum(axis=0)
+    return min(float(facing.max()), np.pi / 4.0 * part.diameter**2)
 
 
 def rival_turns(tree: InterpretationTree) -> Float[np.ndarray, "turns 4 4"]:

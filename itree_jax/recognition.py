@@ -13,13 +13,12 @@ from itree_jax.answers import Interpretation, best_reason, describe
 from itree_jax.backtracking import (
     DEEP,
     FIRST,
-    LEAST_OPEN,
-    MOST_OPEN,
     PLACING_SIZE,
     Beam,
     every_attitude,
     left_over,
     likeliest,
+    open_places,
     unread,
 )
 from itree_jax.challenge import challenged, settled
@@ -32,6 +31,7 @@ from itree_jax.recognised_reflections import subtract_reflections
 from itree_jax.recognised_response import responses_of_parts
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
+    distinct,
     joined,
     place,
 )
@@ -197,7 +197,7 @@ def read_sight(
 
 def large_enough(found: Regions, prepared: Prepared, share: float) -> Bool[np.ndarray, "regions"]:
     """Regions of at least this share of the part's usual area of a region."""
-    return found.area_mm2 >= share * float(np.median(prepared.tree.appearances.area))
+    return found.area_mm2 >= share * prepared.usual_area
 
 
 def search_deeper(
@@ -257,11 +257,11 @@ def interpret(
     )
     hypotheses = likeliest(as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam), beam.mass)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
+    hypotheses = hypotheses.take(distinct(hypotheses, tree.symmetries, prepared.model.diameter))
     if beam.whole_dome:
-        large = asked[large_enough(sight.found, prepared, LEAST_OPEN)[asked]]
-        large = np.sort(large[np.argsort(-sight.found.area_mm2[large], kind="stable")][:MOST_OPEN])
-        if len(large):
-            hypotheses = joined(hypotheses, every_attitude(prepared, sight, large, measured.R_ray_cam))
+        places = open_places(prepared, sight, asked)
+        if len(places.region):
+            hypotheses = joined(hypotheses, every_attitude(prepared, sight, places, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
     hypotheses = narrow(hypotheses, prepared, sight, plan.rounds, plan, beam.keep)
     judged = judge(hypotheses, prepared, sight, plan)
@@ -300,7 +300,7 @@ def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: S
     region was cut, and badly where parts touch: both placements go on.
     """
     shown = visible_centres(hypotheses.poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
-    t_cam_obj = hypotheses.poses.t_cam_obj + sight.segment_centre[hypotheses.region] - shown
+    t_cam_obj = hypotheses.poses.t_cam_obj + sight.held.centre[hypotheses.region] - shown
     poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
     return hypotheses._replace(poses=poses)
 

@@ -17,7 +17,7 @@ from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
-from itree_jax.sensing.segments import segment_centres
+from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.dual_stereo import dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
@@ -35,7 +35,7 @@ class Sight:
     found: Regions
     needle: NeedleMap
     observed: ObservedMaps
-    segment_centre: Float[np.ndarray, "regions 3"]  # of the surface that hangs together with each region [mm]
+    held: HeldBy  # by the surface that hangs together with each region; without depth, by themselves
     noise: float  # of the depth map [mm]
     sensor: Sensor
     shared: float | None = None  # [mm] what neighbours' depths are off by together; None: as a depth camera's are
@@ -70,11 +70,8 @@ class Sight:
         self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None
     ) -> "Sight":
         """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays."""
-        if depth is None:
-            centres = self.sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-        else:
-            centres = segment_centres(found.labels, depth, self.sensor)
-        return replace(self, found=found, needle=needle, segment_centre=centres)
+        held = by_themselves(found, self.sensor) if depth is None else held_by(found.labels, depth, self.sensor)
+        return replace(self, found=found, needle=needle, held=held)
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
         """The rounds of refinement for a part of this diameter [mm] and a dome of this spacing [rad]."""
@@ -109,12 +106,12 @@ def look(
         of_depth = depth_needles(depth, sensor.camera, noise)
     needle = read_needles(images, sensor, depth, responses[0], of_depth)
     found = before.found if before else regions(needle, depth, sensor, R_w2c)
-    centres = before.segment_centre if before else segment_centres(found.labels, depth, sensor)
+    held = before.held if before else held_by(found.labels, depth, sensor)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
     if not sensor.is_depth_camera:
         observed = with_shading(observed, images, sensor, needle)
     return Sight(
-        found, needle, observed, centres, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth,
+        found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth,
         lit=lit_by_any(images, sensor, needle),
     )
 
@@ -148,7 +145,7 @@ def look_with_two(
     )  # fmt: skip
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
-        found, placed, observed, segment_centres(found.labels, depth, sensor), STEREO_NOISE, sensor,
+        found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
         soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
     )  # fmt: skip
@@ -172,11 +169,17 @@ def look_with_one(
     level = np.full(found.count, sensor.working_distance)
     found = replace(found, mean_depth=level, height=np.zeros(found.count))  # nothing tells which one is higher
     none = np.zeros(np.asarray(needle.albedo).shape, np.float32)
-    centres = sensor.camera.unproject(found.centroid_uv, level)
     return Sight(
-        found, needle, observe_images(images, sensor, needle, none, edges), centres, STEREO_NOISE, sensor,
-        edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c, lit=lit_by_any(images, sensor, needle),
+        found, needle, observe_images(images, sensor, needle, none, edges), by_themselves(found, sensor),
+        STEREO_NOISE, sensor, edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c,
+        lit=lit_by_any(images, sensor, needle),
     )
+
+
+def by_themselves(found: Regions, sensor: Sensor) -> HeldBy:
+    """Regions of which nothing tells what hangs together with them."""
+    centre = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
+    return HeldBy(np.arange(found.count), np.asarray(found.area_mm2), centre)
 
 
 def lit_by_any(

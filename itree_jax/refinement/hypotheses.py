@@ -17,6 +17,8 @@ MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with anothe
 ROUND_EXTENT = 1.15  # of a part that is nearly round: its extent changes less all around
 ROUND_TURNS = 2.0 * np.pi * np.arange(1, 15) / 15  # [rad]: none of them a cube's, 24 degrees apart
 
+REPEATED = 0.03  # of the diameter: before any refinement, which spreads over three times as much
+
 
 class RegionHypotheses(NamedTuple):
     """Poses with the region and appearance row they come from."""
@@ -91,6 +93,16 @@ def best_of_each_region(
             if not len(order):
                 break
     return np.array(kept, int)
+
+
+def distinct(
+    hypotheses: RegionHypotheses, symmetries: Symmetries, diameter: float
+) -> Int[np.ndarray, "distinct"]:
+    """Indices of the hypotheses that repeat no likelier one of their region: a symmetric part has many names for one
+    pose.
+    """
+    log_p = np.where(np.isfinite(hypotheses.log_likelihood), hypotheses.log_likelihood, -np.finfo(float).max)
+    return np.sort(best_of_each_region(log_p, hypotheses, len(log_p), symmetries, diameter, REPEATED))
 
 
 def turns_about_axes(

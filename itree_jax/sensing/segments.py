@@ -1,8 +1,10 @@
 """Segments: surface that hangs together in the depth map, lit or not."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from itree_jax.sensing.depth_steps import depth_step_limit
 from itree_jax.sensor import Sensor
@@ -42,37 +44,35 @@ def faces_of_segments(
     return np.where(inside, pieces, 0)
 
 
-def segment_areas(
+@dataclass(frozen=True)
+class HeldBy:
+    """Of every region, the segment that holds most of it."""
+
+    segment: Int[np.ndarray, "regions"]  # regions of one segment have one number
+    area_mm2: Float[np.ndarray, "regions"]  # of the segment, across the line of sight [mm^2]
+    centre: Float[np.ndarray, "regions 3"]  # its mean surface point, camera frame [mm]
+
+
+def held_by(
     labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
-) -> Float[np.ndarray, "regions"]:
-    """Area [mm^2], across the line of sight, of the segment that holds most of each region."""
+) -> HeldBy:
+    """The segments that hold these regions; a region of which no pixel is on a segment stands for one itself."""
+    camera, count = sensor.camera, int(labels.max(initial=-1)) + 1
     segments = depth_segments(depth, sensor)
-    pixels = np.bincount(segments.ravel())
-    mean_depth = np.bincount(segments.ravel(), depth.ravel().astype(float)) / np.maximum(pixels, 1)
-    held_by = [_most_of(segments, labels == region) for region in range(int(labels.max(initial=-1)) + 1)]
-    return np.array([pixels[k] * sensor.camera.mm_per_px(float(mean_depth[k])) ** 2 for k in held_by])
-
-
-def _most_of(segments: Int[np.ndarray, "height width"], mask: Bool[np.ndarray, "height width"]) -> int:
-    """The segment with most of the mask's pixels; 0 when none has any."""
-    votes = np.bincount(segments[mask], minlength=1)
-    votes[0] = 0
-    return int(votes.argmax())
-
-
-def segment_centres(
-    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
-) -> Float[np.ndarray, "regions 3"]:
-    """Mean surface point [mm] of the segment that holds most of each region, camera frame; the region's own if none."""
-    segments = depth_segments(depth, sensor)
-    v, u = np.indices(depth.shape)
-    X_cam = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth.astype(float))
-    total = np.stack([np.bincount(segments.ravel(), X_cam[..., k].ravel()) for k in range(3)], axis=-1)
-    mean = total / np.maximum(np.bincount(segments.ravel()), 1)[:, None]
-    centres = []
-    for region in range(int(labels.max(initial=-1)) + 1):
-        mine = labels == region
-        own = X_cam[mine & (depth > 0)]
-        most = _most_of(segments, mine)
-        centres.append(mean[most] if most else own.mean(axis=0))
-    return np.array(centres).reshape(-1, 3)
+    inside = labels >= 0
+    votes: Int[np.ndarray, "regions segments"] = np.zeros((count, int(segments.max()) + 1), int)
+    np.add.at(votes, (labels[inside], segments[inside]), 1)
+    votes[:, 0] = 0
+    most = votes.argmax(axis=1)
+    most[most == 0] = votes.shape[1] + np.flatnonzero(most == 0)
+    surface = np.where(np.isin(segments, most), segments, 0)
+    for region in np.flatnonzero(most >= votes.shape[1]):
+        surface[labels == region] = most[region]
+    surface[depth <= 0] = 0
+    v, u = np.nonzero(surface)
+    X_cam = camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[v, u].astype(float))
+    number, of = np.unique(surface[v, u], return_inverse=True)
+    pixels = np.maximum(np.bincount(of), 1)
+    mean = np.stack([np.bincount(of, X_cam[:, k]) for k in range(3)], axis=-1) / pixels[:, None]
+    at = np.searchsorted(number, most)
+    return HeldBy(most, pixels[at] * np.square(camera.mm_per_px(mean[at, 2])), mean[at])
