@@ -3,19 +3,28 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Int
 
 from itree_jax.answers import Interpretation
 from itree_jax.competition import compete, select
 from itree_jax.narrowing import judge, narrow, rivalry
 from itree_jax.prepared import Prepared
-from itree_jax.refinement.hypotheses import RegionHypotheses, joined, turned_about_axes
+from itree_jax.refinement.hypotheses import (
+    RegionHypotheses,
+    agreement,
+    best_of_each_region,
+    joined,
+    turned_about_axes,
+)
 from itree_jax.refinement.optimise import Hypotheses, refine
-from itree_jax.refinement.schedule import Schedule
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
+from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged, together
-from itree_jax.refinement.verify import visible_centres
+from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
+MOST_AS_THEY_ARE = 3  # turned poses that are looked at closer without being moved
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
@@ -37,8 +46,7 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
         return answer
     prepared, plan = answer.prepared, plan_of(answer, sight)
     poses = answer.hypotheses.take(new)
-    turned = turned_poses(poses, prepared, sight.sensor, plan.turned[0].stage.size)
-    turned = narrow(turned, prepared, sight, plan.turned, plan)
+    turned = challengers(poses._replace(region=np.arange(len(new))), prepared, sight, plan)
     turned = turned._replace(region=poses.region[turned.region], challenged=np.ones(len(turned.region), bool))
     met = answer.hypotheses.challenged.copy()
     met[new] = True
@@ -46,16 +54,57 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
     return with_more(first, turned, judge(turned, prepared, sight, plan), sight)
 
 
-def turned_poses(
-    accepted: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
+def challengers(
+    accepted: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> RegionHypotheses:
-    """Each accepted pose turned about the part's main axes, moved so that it shows its surface where the pose did.
+    """Poses that each accepted pose is easily mistaken for, refined. `region` counts the accepted ones.
 
-    They explain the same place, and only one is right. `region` counts the accepted poses.
+    They are turned about the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
+    is right as it is, and rough rounds would only lead it astray; where it repeats some faces, it has to be moved.
     """
-    own = accepted._replace(region=np.arange(len(accepted.region)))
-    turned = turned_about_axes(own, prepared.turns)
-    there = visible_centres(own.poses, prepared.model, sensor.camera, size)
+    turned = turned_about_axes(accepted, prepared.turns)
+    moved = shown_at(accepted, turned, prepared, sight.sensor, plan.turned[0].stage.size)
+    moved = narrow(moved, prepared, sight, plan.turned[:-1], plan)
+    closest = turned.take(best_as_they_are(turned, prepared, sight, plan.turned[0], plan, MOST_AS_THEY_ARE))
+    closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan)
+    both = others_than(accepted, joined(moved, closest), prepared)
+    return narrow(both, prepared, sight, plan.turned[-1:], plan) if len(both.region) else both
+
+
+def best_as_they_are(
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, step: Round, plan: Schedule, most: int
+) -> Int[np.ndarray, "kept"]:
+    """Indices of the `most` of every region that agree best without any refinement."""
+    verdict, _, _ = verify(
+        hypotheses.poses, prepared.model, sight.observed, sight.sensor.camera, plan.turned[-1].tolerances,
+        step.stage.size, plan.jump, sight.others,
+    )
+    return best_of_each_region(
+        agreement(verdict), hypotheses, most, prepared.tree.symmetries, prepared.model.diameter
+    )
+
+
+def others_than(
+    accepted: RegionHypotheses, hypotheses: RegionHypotheses, prepared: Prepared
+) -> RegionHypotheses:
+    """Those that did not come back to the accepted pose that they were turned from (`region`)."""
+    R, t = (np.asarray(a, float) for a in hypotheses.poses)
+    near = np.zeros(len(t), bool)
+    R_own, t_own = (np.asarray(a, float) for a in accepted.poses)
+    for k in range(len(t_own)):
+        mine = hypotheses.region == k
+        apart = same_part_distance(
+            R[mine], t[mine], R_own[k], t_own[k], prepared.tree.symmetries, prepared.model.diameter
+        )
+        near[mine] = apart < NEARLY_SAME * prepared.model.diameter
+    return hypotheses.take(np.flatnonzero(~near))
+
+
+def shown_at(
+    accepted: RegionHypotheses, turned: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
+) -> RegionHypotheses:
+    """The turned poses, moved so that each shows its surface where the accepted pose did that it was turned from."""
+    there = visible_centres(accepted.poses, prepared.model, sensor.camera, size)
     here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
     t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
     return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.backtracking import EDGE_OF_A_POSE, SURE, every_attitude, explained, left_over, likeliest
+from itree_jax.backtracking import EDGE_OF_A_POSE, SURE, Places, every_attitude, explained, left_over, likeliest
 from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.likelihood import Support
@@ -54,14 +54,14 @@ def sight(paper_tree):
 
 def test_the_dome_leaves_no_attitude_out(prepared, sight):
     """Every rotation has one within what refinement reaches, and the part's surface is where the region's is."""
-    asked = np.arange(sight.found.count)[:1]
-    found = every_attitude(prepared, sight, asked, np.tile(np.eye(3), (sight.found.count, 1, 1)))
+    places = Places(np.zeros(1, int), sight.held.centre[:1])
+    found = every_attitude(prepared, sight, places, np.tile(np.eye(3), (sight.found.count, 1, 1)))
     R = np.asarray(found.poses.R_cam_obj, float)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-5)
     wanted = Rotation.random(200, rng=0).as_matrix()
     cosine = (np.einsum("kab,wab->wk", R, wanted).max(axis=1) - 1.0) / 2.0
     assert np.degrees(np.arccos(cosine)).max() < 30.0
-    off = np.asarray(found.poses.t_cam_obj) - sight.segment_centre[0]
+    off = np.asarray(found.poses.t_cam_obj) - sight.held.centre[0]
     assert np.linalg.norm(off, axis=1).max() < prepared.tree.part.diameter
     assert set(found.region) == {0}
     # each stands for an appearance of a like attitude
@@ -72,7 +72,7 @@ def test_the_dome_leaves_no_attitude_out(prepared, sight):
 
 def answer(mask, origin, stride, score):
     pixels = np.where(mask, 5.0, 0.0)[None].astype(np.float16)
-    support = Support(pixels, np.zeros(pixels.shape, bool), np.zeros(1), np.zeros(1), np.array([origin], float), stride)
+    support = Support(pixels, 0.0 * pixels, np.zeros(pixels.shape, bool), np.zeros(1), np.zeros(1), np.array([origin], float), stride)
     selection = SimpleNamespace(accepted=np.array([0]), score=np.array([score]))
     return SimpleNamespace(judged=SimpleNamespace(support=support), selection=selection)
 

@@ -49,7 +49,7 @@ def test_two_cameras_see_depth_where_needles_are(matte, by_two):
     assert np.median(np.abs(depth - matte.lit.depth)[region]) < 1.0
     part = (matte.lit.instance < 2) & np.asarray(by_two.needle.interpretable)
     assert region[part].mean() > 0.8
-    centre = by_two.segment_centre
+    centre = by_two.held.centre
     at = np.round(CAMERA.project(centre)).astype(int)
     assert np.abs(matte.lit.depth[at[:, 1], at[:, 0]] - centre[:, 2]).max() < 25.0
     assert by_two.shared is not None
@@ -76,7 +76,7 @@ def test_the_other_view_is_of_the_same_scene(matte, by_two):
 def test_one_camera_takes_regions_to_lie_at_the_working_distance(matte):
     sight = look(matte.images, matte.sensor, None)
     assert sight.found.count >= 2
-    np.testing.assert_allclose(sight.segment_centre[:, 2], DISTANCE)
+    np.testing.assert_allclose(sight.held.centre[:, 2], DISTANCE)
     assert not np.asarray(sight.observed.depth).any()
     assert sight.shared is None  # gates are those of a known depth: what is off is how far, not where in the image
     assert sight.others == ()

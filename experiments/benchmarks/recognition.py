@@ -35,7 +35,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "reflected light": ((recognition, "subtract_reflections"),),
     "features of regions": ((recognition, "measure_regions"),),
     "tree": ((recognition, "ask_root"), (recognition, "classify"), (recognition, "determine")),
-    "placing": ((recognition, "every_attitude"), (recognition, "placed_by_segment"), (challenge, "turned_poses")),
+    "placing": ((recognition, "every_attitude"), (recognition, "placed_by_segment"), (challenge, "shown_at")),
     "refinement": ((narrowing, "refine"), (challenge, "refine")),
     "verification": ((narrowing, "verify"),),
     "likelihood": ((narrowing, "support"),),

@@ -37,6 +37,7 @@ class Support(NamedTuple):
     """Log-likelihood ratios [nats] of a batch of poses, in windows of the first camera."""
 
     pixels: Float[np.ndarray, "h s s"]  # above 0: the pose explains the pixel; below: it contradicts it
+    at_steps: Float[np.ndarray, "h s s"]  # of pixels beside the pose's own steps of depth, which `pixels` leaves out
     hidden: Bool[np.ndarray, "h s s"]  # pixels of the pose behind something nearer
     lit: Float[np.ndarray, "h"]  # window pixels that speak for the pose and that a light shows
     beside: Float[np.ndarray, "h"]  # of contours and of other cameras
@@ -61,20 +62,20 @@ def support(
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     stride = max(1, int(np.ceil(WINDOW * model.reach / float(errors.pitch) / size)))
     edges = jump if float(errors.edge) > 0 else None  # where depth ends contours, the pixels have told already
-    pixels, hidden, lit, beside, origin = _seen_by(
+    pixels, at_steps, hidden, lit, beside, origin = _seen_by(
         R, t, model, seen_by(observed, camera), errors, size, stride, edges
     )
     for view in others:
-        there, _, _, contour, _ = _seen_by(*view.poses(R, t), model, view.seen_by, errors, size, stride, edges)
+        there, _, _, _, contour, _ = _seen_by(*view.poses(R, t), model, view.seen_by, errors, size, stride, edges)
         beside = beside + contour + np.sum(there, axis=(1, 2), dtype=np.float32)
-    return Support(pixels, hidden, lit, beside, origin, stride)
+    return Support(pixels, at_steps, hidden, lit, beside, origin, stride)
 
 
 def _seen_by(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, by: SeenBy, errors: SensorErrors,
     size: int, stride: int, edges: float | None,
 ) -> tuple[np.ndarray, ...]:
-    """Pixels, hidden, lit, contour and window origins, as in `Support`."""
+    """Pixels, those at steps, hidden, lit, contour and window origins, as in `Support`."""
     weighed = room(len(t), size, model.mesh.device)
     reckoned = errors_of(*(float(v) for v in errors))
 
@@ -83,4 +84,5 @@ def _seen_by(
 
     seen = cast_in(by.camera, R, t, model, size, stride, edges, weigh, weighing_kernel)
     rows = (a.numpy().sum(axis=1) for a in (weighed.lit, weighed.contour))
-    return weighed.pixels.numpy(), weighed.hidden.numpy(), *rows, seen.origin_uv.numpy()
+    squares = (a.numpy() for a in (weighed.pixels, weighed.at_steps, weighed.hidden))
+    return *squares, *rows, seen.origin_uv.numpy()

@@ -176,13 +176,14 @@ def _best_of_place(waiting: Sequence[Key], judged: Sequence[Judged], ratio: Rati
 def likelihood_ratio(support: Support, a: int, b: int) -> float:
     """log p(scene | a) / p(scene | b) [nats], from the pixels in which the two poses clearly differ.
 
-    Two refined poses of one place differ a little everywhere, by what is left of their errors; that says nothing.
+    Two refined poses of one place differ a little everywhere, by what is left of their errors; that says nothing. Poses
+    that nearly repeat each other may differ by no more than where a step of depth lies: its pixels have a say here.
     """
     shift = np.round((support.origin_uv[b] - support.origin_uv[a]) / support.stride).astype(int)
     size = support.pixels.shape[1] + int(np.abs(shift).max())
     both = np.zeros((2, size, size), np.float32)
     for k, (h, move) in enumerate(((a, np.maximum(-shift, 0)), (b, np.maximum(shift, 0)))):
-        window = support.pixels[h]
+        window = support.pixels[h] + support.at_steps[h]
         both[k, move[1] : move[1] + len(window), move[0] : move[0] + len(window)] = window
     differ = both[0] - both[1]
     beside = float(support.beside[a] - support.beside[b])

@@ -27,6 +27,7 @@ EDGE_BY_CHANCE = 0.3  # share of other points that have one
 BLIND = wp.constant(0.3)  # weight of a pixel without depth: the shading of neighbours errs together
 BORDER = wp.constant(0.2)  # [px] by which a pose's own error moves a slanted surface
 STEEPEST = wp.constant(0.15)
+OTHER_SIDE = wp.constant(0.2)  # share of pixels beside a step that see its other side: by the pose's own error
 NEAR = wp.constant(4.0)  # deviations of depth within which a pixel is the pose's own
 ROOT_2_PI = wp.constant(2.5066283)
 EDGE_YES = float(np.log(EDGE_FOUND / EDGE_BY_CHANCE))
@@ -96,6 +97,26 @@ def step_beside(depth: wp.array3d(dtype=float), h: int, i: int, j: int, jump: fl
     return False
 
 
+@wp.func
+def beside_step(
+    depth: wp.array3d(dtype=float), h: int, i: int, j: int, jump: float, seen: float, std: float, reach: float
+) -> float:
+    """Log-likelihood ratio of a pixel beside a step: a pose's own error shows it one side or the other."""
+    z = depth[h, i, j]
+    side = wp.float32(0.0)
+    for k in range(4):
+        row = i + wp.where(k == 0, 1, wp.where(k == 1, -1, 0))
+        column = j + wp.where(k == 2, 1, wp.where(k == 3, -1, 0))
+        other = wp.float32(0.0)
+        if row >= 0 and row < depth.shape[1] and column >= 0 and column < depth.shape[2]:
+            other = depth[h, row, column]
+        if other == 0.0:
+            side = wp.max(side, 1.0)  # past the part may be anything
+        elif wp.abs(other - z) > jump:
+            side = wp.max(side, wp.exp(depth_ratio(seen - other, std, reach)))
+    return wp.log((1.0 - OTHER_SIDE) * wp.exp(depth_ratio(seen - z, std, reach)) + OTHER_SIDE * side)
+
+
 @wp.kernel(enable_backward=False)
 def weighing_kernel(
     # In:
@@ -115,6 +136,7 @@ def weighing_kernel(
     first: int,
     # Out:
     pixels: wp.array3d(dtype=float),
+    at_steps: wp.array3d(dtype=float),
     hidden: wp.array3d(dtype=wp.bool),
     lit: wp.array2d(dtype=float),
     contour: wp.array2d(dtype=float),
@@ -130,10 +152,16 @@ def weighing_kernel(
     jump = 4.0 * errors.pitch * stride
     for j in range(size):
         ratio = wp.float32(0.0)
+        ratio_at_step = wp.float32(0.0)
         behind = wp.bool(False)
         column = int(origin_uv[h][0] + stride * float(j))
         inside = row >= 0 and row < height and column >= 0 and column < width
-        if inside and triangle[h, i, j] >= 0 and not step_beside(depth, h, i, j, jump):
+        shows = inside and triangle[h, i, j] >= 0
+        at_step = shows and step_beside(depth, h, i, j, jump)
+        if at_step and errors.edge == 0.0 and maps.depth[row, column] > 0.0:
+            seen = maps.depth[row, column]
+            ratio_at_step = beside_step(depth, h, i, j, jump, seen, errors.depth, errors.reach)
+        if shows and not at_step:
             normal = R * normal_obj[triangle[h, i, j]]
             z = maps.depth[row, column]
             with_needle = maps.needle_weight[row, column] > 0.0
@@ -155,6 +183,7 @@ def weighing_kernel(
             if ratio > 0.0 and brightest(maps, row, column) > LIT_SHADING:
                 shown += 1.0
         pixels[h, i, j] = ratio
+        at_steps[h, i, j] = ratio_at_step
         hidden[h, i, j] = behind
     lit[h, i] = shown
 
@@ -175,6 +204,7 @@ class Weighed:
     """Log-likelihood ratios [nats] of windows, on the device."""
 
     pixels: wp.array  # [h, s, s]: above 0 the pose explains the pixel, below it contradicts it
+    at_steps: wp.array  # [h, s, s]: of pixels beside the pose's own steps of depth, which `pixels` leaves out
     hidden: wp.array  # [h, s, s] of bool: pixels of the pose behind something nearer
     lit: wp.array  # [h, s] per row: pixels that speak for the pose and that a light shows
     contour: wp.array  # [h, s] per row
@@ -184,8 +214,8 @@ def room(count: int, size: int, device: str) -> Weighed:
     """Room for what every window says."""
     square, rows = (count, size, size), (count, size)
     return Weighed(
-        wp.empty(square, dtype=float, device=device), wp.empty(square, dtype=wp.bool, device=device),
-        wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
+        wp.empty(square, dtype=float, device=device), wp.empty(square, dtype=float, device=device),
+        wp.empty(square, dtype=wp.bool, device=device), wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
     )  # fmt: skip
 
 
@@ -207,5 +237,5 @@ def weigh_rows(
             seen.contour_column, normal_obj,
             by.maps, float(seen.stride), errors, EDGE_YES, EDGE_NO, first,
         ],
-        outputs=[weighed.pixels, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,
+        outputs=[weighed.pixels, weighed.at_steps, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,
     )  # fmt: skip

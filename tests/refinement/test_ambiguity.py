@@ -84,7 +84,7 @@ def test_a_near_symmetric_part_is_decided_by_its_telling_feature(seen, poses_lef
     pixels = np.full((2, 40, 40), 6.0, np.float16)
     pixels[:, :4, :10] = [[[6.0]], [[-5.0]]] if seen else 0.0
     nothing = np.zeros((2, 40, 40), bool)
-    one = Support(pixels, nothing, np.zeros(2), np.zeros(2), np.zeros((2, 2)), 1)
+    one = Support(pixels, 0.0 * pixels, nothing, np.zeros(2), np.zeros(2), np.zeros((2, 2)), 1)
     found, share = beside([(R, T), turned(180.0)], likelihood_ratio(one, 0, 1))
     alternatives = tuple(Alternative(np.eye(4), float(s)) for s in share)
     d = Detection(1, 0, 1, 0.9, R, T, alternatives=alternatives)

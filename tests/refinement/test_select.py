@@ -34,7 +34,7 @@ def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1
         400.0 - found,
     )  # fmt: skip
     origin = np.zeros((count, 2)) if origin is None else np.asarray(origin, float)
-    support = Support(pixels, hidden, agreeing, np.zeros(count), origin, stride)
+    support = Support(pixels, 0.0 * pixels, hidden, agreeing, np.zeros(count), origin, stride)
     near = np.zeros((count, count), bool) if near is None else np.asarray(near, bool)
     return Judged(verdict, support, LEAST, near)
 
