@@ -5,13 +5,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from itree_cad.primitives import box_part
 from scipy.spatial.transform import Rotation
 
-from itree_jax.backtracking import EDGE_OF_A_POSE, SURE, Places, every_attitude, explained, left_over, likeliest
-from itree_jax.prepared import prepare
+from itree_jax.backtracking import (
+    EDGE_OF_A_POSE,
+    SURE,
+    Places,
+    every_attitude,
+    explained,
+    left_over,
+    likeliest,
+    open_places,
+)
+from itree_jax.prepared import largest_view, prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.sensing.segments import HeldBy
 from itree_jax.sight import look
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
@@ -70,9 +81,42 @@ def test_the_dome_leaves_no_attitude_out(prepared, sight):
     assert np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) < 25.0
 
 
+def asked_places(prepared, sight, area_mm2, segment, segment_mm2):
+    """Of regions with these areas, in these segments."""
+    count = len(area_mm2)
+    found = SimpleNamespace(
+        area_mm2=np.array(area_mm2), centroid_uv=np.arange(2.0 * count).reshape(count, 2),
+        mean_depth=np.full(count, 900.0),
+    )
+    held = HeldBy(np.array(segment), np.array(segment_mm2), np.arange(3.0 * count).reshape(count, 3))
+    return open_places(prepared, replace(sight, found=found, held=held), np.arange(count))
+
+
+def test_a_surface_is_one_place_however_many_regions_it_falls_into(prepared, sight):
+    some, whole = 0.3 * prepared.usual_area, 0.9 * prepared.usual_area
+    places = asked_places(prepared, sight, [some, 1.1 * some, some, some], [4, 4, 4, 7], [whole, whole, whole, some])
+    assert places.region.tolist() == [1]
+    np.testing.assert_array_equal(places.centre, [[3.0, 4.0, 5.0]])
+
+
+def test_in_a_pile_every_region_is_a_place(prepared, sight):
+    """That is large enough by itself: where parts touch, the middle of all their surface is nobody's."""
+    pile, one = 2.0 * prepared.largest_view, prepared.usual_area
+    places = asked_places(prepared, sight, [one, 0.3 * one, 1.1 * one], [4, 4, 4], [pile] * 3)
+    assert places.region.tolist() == [0, 2]
+    own = sight.sensor.camera.unproject(np.array([[0.0, 1.0], [4.0, 5.0]]), np.full(2, 900.0))
+    np.testing.assert_allclose(places.centre, own)
+
+
+def test_no_view_shows_more_than_the_largest_one(prepared):
+    assert prepared.tree.appearances.area.max() <= prepared.largest_view
+    assert largest_view(box_part(30.0, 20.0, 10.0)) == pytest.approx(30.0 * np.hypot(20.0, 10.0), rel=0.15)
+
+
 def answer(mask, origin, stride, score):
     pixels = np.where(mask, 5.0, 0.0)[None].astype(np.float16)
-    support = Support(pixels, 0.0 * pixels, np.zeros(pixels.shape, bool), np.zeros(1), np.zeros(1), np.array([origin], float), stride)
+    hidden, none = np.zeros(pixels.shape, bool), np.zeros(1)
+    support = Support(pixels, 0.0 * pixels, hidden, none, none, np.array([origin], float), stride)
     selection = SimpleNamespace(accepted=np.array([0]), score=np.array([score]))
     return SimpleNamespace(judged=SimpleNamespace(support=support), selection=selection)
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.challenge import challenged, polished, settled, turned_poses
+from itree_jax.challenge import challenged, challengers, others_than, polished, settled, shown_at
 from itree_jax.narrowing import judge
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
+from itree_jax.refinement.hypotheses import joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.simulate.bin import Bin
@@ -56,6 +57,12 @@ def best(answer):
     return np.asarray(answer.hypotheses.poses.R_cam_obj[h], float), np.asarray(answer.hypotheses.poses.t_cam_obj[h])
 
 
+def first_accepted(answer):
+    """As the first one of those that are challenged."""
+    h = answer.selection.accepted[:1]
+    return answer.hypotheses.take(h)._replace(region=np.zeros(1, int))
+
+
 @pytest.mark.parametrize("k", [0, 9, 17])
 def test_a_turned_pose_gives_way_to_the_right_one(prepared, read, k):
     answer, sight, truth = read
@@ -78,13 +85,37 @@ def test_whoever_met_its_challengers_is_left_alone(read):
 
 def test_turned_poses_show_their_surface_where_the_pose_did(prepared, read):
     answer, sight, _ = read
-    accepted = answer.hypotheses.take(answer.selection.accepted[:1])
-    turned = turned_poses(accepted, prepared, sight.sensor, 24)
+    accepted = first_accepted(answer)
+    turned = shown_at(accepted, turned_about_axes(accepted, prepared.turns), prepared, sight.sensor, 24)
     assert len(turned.region) == len(prepared.turns)
     own = visible_centres(accepted.poses, prepared.model, sight.sensor.camera, 24)
     moved = visible_centres(turned.poses, prepared.model, sight.sensor.camera, 24)
     # shifting a pose a little changes what it shows a little
     np.testing.assert_allclose(moved, np.tile(own, (len(moved), 1)), atol=0.05 * prepared.tree.part.diameter)
+
+
+def test_a_turned_pose_that_fits_as_it_is_isnt_led_astray(prepared, read):
+    """Moved by what the whole part shows, a turned pose of a part that is half hidden starts beside the place."""
+    answer, sight, truth = read
+    accepted = first_accepted(answer)
+    turn = prepared.turns[0]
+    wrong = Hypotheses(
+        np.asarray(truth.R_cam_obj @ turn[:3, :3].T, np.float32)[None],
+        np.asarray(truth.t_cam_obj - truth.R_cam_obj @ turn[:3, :3].T @ turn[:3, 3], np.float32)[None],
+    )
+    plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
+    found = challengers(accepted._replace(poses=wrong), prepared, sight, plan)
+    turns = [turn_between(R, truth.R_cam_obj) for R in found.poses.R_cam_obj]
+    assert min(turns) < 0.5
+    assert set(found.region) == {0}
+
+
+def test_who_comes_back_to_the_accepted_pose_is_no_challenger(prepared, read):
+    answer, _, _ = read
+    accepted = first_accepted(answer)
+    turned = turned_about_axes(accepted, prepared.turns)
+    kept = others_than(accepted, joined(accepted, turned), prepared)
+    np.testing.assert_array_equal(kept.poses.R_cam_obj, turned.poses.R_cam_obj)
 
 
 def test_polishing_makes_a_pose_more_likely_and_more_exact(read):

@@ -215,7 +215,8 @@ def room(count: int, size: int, device: str) -> Weighed:
     square, rows = (count, size, size), (count, size)
     return Weighed(
         wp.empty(square, dtype=float, device=device), wp.empty(square, dtype=float, device=device),
-        wp.empty(square, dtype=wp.bool, device=device), wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
+        wp.empty(square, dtype=wp.bool, device=device),
+        wp.empty(rows, dtype=float, device=device), wp.empty(rows, dtype=float, device=device),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement.likelihood import SensorErrors, support
 from itree_jax.refinement.observed import observe
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals
+from itree_jax.refinement.select import likelihood_ratio
 from itree_jax.tree.appearances import mesh_reach
 
 from .asked import depth_ratio, needle_ratio, shading
@@ -26,25 +27,25 @@ T = np.array([0.0, 0.0, 900.0])
 JUMP = 5.0
 
 
-def scene(R_true=R, t_true=T, floor=950.0, noise=0.3):
+def scene(R_true=R, t_true=T, floor=950.0, noise=0.3, mesh=MESH):
     """Depth and needles of one box above a floor without needles."""
     from itree_kernels.correspond import correspondences
 
     size = 160
     found = correspondences(
-        MESH, R_true[None].astype(np.float32), t_true[None].astype(np.float32), CAMERA, np.zeros((1, 2)), size, 1,
+        mesh, R_true[None].astype(np.float32), t_true[None].astype(np.float32), CAMERA, np.zeros((1, 2)), size, 1,
         MODEL.reach, None,
     )  # fmt: skip
     depth, triangle = np.asarray(found.depth)[0, :120], np.asarray(found.triangle)[0, :120]
     hit = triangle >= 0
-    normals = np.where(hit[..., None], MESH.triangle_normals[triangle] @ R_true.T, 0.0)
+    normals = np.where(hit[..., None], mesh.triangle_normals[triangle] @ R_true.T, 0.0)
     z = np.where(hit, depth, floor) + np.random.default_rng(0).normal(0.0, noise, depth.shape)
     return observe(normals.astype(np.float32), hit.astype(np.float32), z.astype(np.float32), JUMP)
 
 
-def weighed(observed, *poses):
+def weighed(observed, *poses, model=MODEL):
     R_all, t_all = (np.stack(values).astype(np.float32) for values in zip(*poses, strict=True))
-    return support(Hypotheses(R_all, t_all), MODEL, observed, CAMERA, ERRORS, JUMP, size=128)
+    return support(Hypotheses(R_all, t_all), model, observed, CAMERA, ERRORS, JUMP, size=128)
 
 
 def total(one):
@@ -94,3 +95,25 @@ def test_the_brightness_of_a_face_tells_only_where_lights_are_known():
         assert (ratio > 0) == better
         assert brightest == pytest.approx(float(shown.max()))
         assert brightest > LIT_SHADING
+
+
+def ridged(beside: float) -> RefineModel:
+    """A block with a ridge along it, so far beside its middle [mm]: a half turn puts it on the other side."""
+    ridge = box_part(40.0, 12.0, 10.0)
+    vertices = np.concatenate([PART.vertices, ridge.vertices + np.array([0.0, beside, 15.0])]).astype(np.float32)
+    triangles = np.concatenate([PART.triangles, ridge.triangles + len(PART.vertices)])
+    mesh = ray_mesh(vertices, triangles, np.zeros(len(triangles), np.int32), device="cpu")
+    return RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), PART.diameter)
+
+
+@pytest.mark.parametrize("beside", [0.25, -0.25])
+def test_where_a_step_lies_tells_a_pose_from_its_half_turn(beside):
+    """All that differs are pixels beside the steps of a ridge that is half a pixel off: they have to tell."""
+    model, down = ridged(beside), Rotation.from_euler("xyz", [179.0, 0.5, 7.0], degrees=True).as_matrix()
+    half_turn = down @ np.diag([-1.0, -1.0, 1.0])
+    found = weighed(scene(down, T, mesh=model.mesh), (down, T), (half_turn, T), model=model)
+    assert likelihood_ratio(found, 0, 1) > 40.0
+    assert likelihood_ratio(found, 1, 0) == pytest.approx(-likelihood_ratio(found, 0, 1))
+    silent = found._replace(at_steps=np.zeros_like(found.at_steps))
+    assert abs(likelihood_ratio(silent, 0, 1)) < 20.0
+    assert not ((found.at_steps != 0.0) & (found.pixels != 0.0)).any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.sensing.segments import depth_segments, faces_of_segments, segment_areas, segment_centres
+from itree_jax.sensing.segments import depth_segments, faces_of_segments, held_by
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,9 @@ def test_a_region_gets_the_centre_of_its_whole_segment(sensor):
     labels = np.full((60, 80), -1)
     labels[10:15, 60:66] = 0
     labels[40:44, 10:14] = 1
-    centres = segment_centres(labels, two_blocks(), sensor)
+    found = held_by(labels, two_blocks(), sensor)
+    centres = found.centre
+    assert found.segment[0] != found.segment[1]
     u = np.arange(40, 80)
     expected = sensor.camera.unproject(np.array([[u.mean(), 29.5]]), np.array([880.0]))[0]
     np.testing.assert_allclose(centres[0], expected, atol=2 * sensor.camera.mm_per_px(880.0))
@@ -80,5 +82,21 @@ def test_segments_stay_apart_and_pixels_without_a_normal_belong_to_none():
 def test_the_area_is_that_of_the_whole_segment(sensor):
     labels = np.full((60, 80), -1)
     labels[10:15, 60:66] = 0
-    (area,) = segment_areas(labels, two_blocks(), sensor)
-    assert area == pytest.approx(60 * 40 * sensor.camera.mm_per_px(880.0) ** 2, rel=0.05)
+    labels[30:32, 70:75] = 1
+    found = held_by(labels, two_blocks(), sensor)
+    assert found.segment[0] == found.segment[1]
+    np.testing.assert_allclose(found.area_mm2, 60 * 40 * sensor.camera.mm_per_px(880.0) ** 2, rtol=0.05)
+
+
+def test_a_region_on_no_segment_stands_for_itself(sensor):
+    """As a sliver along a step does; beside it, others keep their own."""
+    depth = two_blocks()
+    nowhere = depth_segments(depth, sensor) == 0
+    labels = np.where(nowhere & (depth > 0), 0, -1)
+    labels[20:25, 60:66] = 1
+    found = held_by(labels, depth, sensor)
+    assert found.segment[0] != found.segment[1]
+    v, u = np.nonzero(labels == 0)
+    own = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[v, u])
+    np.testing.assert_allclose(found.centre[0], own.mean(axis=0))
+    assert found.area_mm2[0] == pytest.approx(len(v) * sensor.camera.mm_per_px(own[:, 2].mean()) ** 2)
