@@ -14,25 +14,25 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation
-from itree_jax.open_attitudes import all_attitudes, rolls, views
+from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
-from itree_jax.refinement.verify import visible_centres
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments
+from itree_jax.shown_surface import middle_of_all, middle_of_facing
 from itree_jax.sight import Sight
 from itree_jax.stereo.dual_stereo import AGREES
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
+LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
 MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
 SOFT = 5  # [px] of the median that takes single wrong matches out
 MOST_TOLD = 0.6  # of a region's pixels with a needle: what has more was read already
-PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 
 
 @dataclass(frozen=True)
@@ -68,58 +68,59 @@ class Places(NamedTuple):
     """Where a part may lie of which no rule tells the attitude."""
 
     region: Int[np.ndarray, "places"]  # that it holds
-    centre: Float[np.ndarray, "places 3"]  # the middle of the surface that it shows, camera frame [mm]
+    alone: Bool[np.ndarray, "places"]  # the surface that hangs together with the region may be one part's
 
 
 def open_places(prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]) -> Places:
-    """The middle of every surface that hangs together and is no larger than what a part shows; in a pile of parts that
-    touch, the middle of each region. The largest `MOST_OPEN` that are large enough.
+    """Every surface that hangs together and is no larger than what a part shows, by its largest region; in a pile of
+    parts that touch, every region. The largest `MOST_OPEN` that are large enough.
 
     A surface that shadows and edges part into several regions is one place: its regions alone may be too small to be
     asked, and all of them would ask the same.
     """
     found, held = sight.found, sight.held
-    pile = held.area_mm2[asked] > prepared.largest_view
-    area = np.where(pile, found.area_mm2[asked], held.area_mm2[asked])
-    own = sight.sensor.camera.unproject(found.centroid_uv[asked], found.mean_depth[asked])
-    centre = np.where(pile[:, None], own, held.centre[asked])
-    surface = np.where(pile, -1 - asked, held.segment[asked])
+    alone = held.area_mm2[asked] <= prepared.largest_view
+    area = np.where(alone, held.area_mm2[asked], found.area_mm2[asked])
+    surface = np.where(alone, held.segment[asked], -1 - asked)
     largest_first = np.argsort(-found.area_mm2[asked], kind="stable")
     first = largest_first[np.sort(np.unique(surface[largest_first], return_index=True)[1])]
     first = first[area[first] >= LEAST_OPEN * prepared.usual_area]
     first = np.sort(first[np.argsort(-area[first], kind="stable")][:MOST_OPEN])
-    return Places(asked[first], centre[first])
+    return Places(asked[first], alone[first])
 
 
 def every_attitude(
     prepared: Prepared, sight: Sight, places: Places, R_ray_cam: Float[np.ndarray, "regions 3 3"]
 ) -> RegionHypotheses:
-    """The whole dome at every place. Each attitude stands for the appearance of the nearest one in the tree."""
-    tree, kept = prepared.tree, prepared.attitudes
-    R_ray_obj, R_ray_cam = all_attitudes()[kept], R_ray_cam[places.region]
+    """The whole dome at every place: all attitudes that show a surface which faces as the region does and isn't much
+    smaller, with the middle of the one on the middle of the other; and where the surface may be one part's, with the
+    middle of all that they show on the middle of the surface too.
+
+    Each attitude stands for the appearance of the nearest one in the tree.
+    """
+    tree, found = prepared.tree, sight.found
     attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
     with_row = np.unique(tree.appearances.attitude, return_index=True)
+    R_ray_obj, of_all = all_attitudes(), middle_of_all(prepared.shown)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    R = np.einsum("rca,kcb->rkab", R_ray_cam, R_ray_obj)
-    region, row = np.repeat(places.region, len(kept)), np.tile(with_row[1][nearest], len(places.region))
-    t = places.centre[:, None] - shown_beside(prepared, sight, R_ray_cam, places.centre)[:, kept]
-    poses = Hypotheses(R.reshape(-1, 3, 3).astype(np.float32), t.reshape(-1, 3).astype(np.float32))
+    parts = []
+    for region, alone in zip(*places, strict=True):
+        R_cam_ray = R_ray_cam[region].T
+        own = sight.sensor.camera.unproject(found.centroid_uv[region], found.mean_depth[region])
+        middle, area = middle_of_facing(prepared.shown, found.mean_normal[region] @ R_cam_ray)
+        kept = prepared.attitudes
+        if sight.faces_told:
+            kept = kept[area[kept] >= LEAST_FACING * found.area_mm2[region]]
+            parts.append((region, kept, R_cam_ray, own - middle[kept] @ R_cam_ray.T))
+        if alone or not sight.faces_told:
+            centre = sight.held.centre[region] if alone else own
+            parts.append((region, kept, R_cam_ray, centre - of_all[kept] @ R_cam_ray.T))
+    region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in parts])
+    R = np.concatenate([R_cam_ray @ R_ray_obj[kept] for _, kept, R_cam_ray, _ in parts])
+    t = np.concatenate([t for *_, t in parts])
+    row = with_row[1][nearest[np.concatenate([kept for _, kept, *_ in parts])]]
+    poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
     return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
-
-
-def shown_beside(
-    prepared: Prepared, sight: Sight, R_ray_cam: Float[np.ndarray, "places 3 3"],
-    t_cam_obj: Float[np.ndarray, "places 3"],
-) -> Float[np.ndarray, "places attitudes 3"]:
-    """How far from the part's origin the middle of what it shows lies [mm] at these places, in `all_attitudes`.
-
-    Rolled about the ray, a part shows the same: each view is rendered once.
-    """
-    R = np.einsum("rca,vcb->rvab", R_ray_cam, views()).reshape(-1, 3, 3).astype(np.float32)
-    t = np.repeat(t_cam_obj, len(views()), axis=0).astype(np.float32)
-    shown = visible_centres(Hypotheses(R, t), prepared.model, sight.sensor.camera, PLACING_SIZE) - t
-    in_ray = np.einsum("rab,rvb->rva", R_ray_cam, shown.reshape(len(R_ray_cam), -1, 3))
-    return np.einsum("rca,kcb,rvb->rvka", R_ray_cam, rolls(), in_ray).reshape(len(R_ray_cam), -1, 3)
 
 
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
@@ -168,7 +169,7 @@ def unread(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     inside = found.labels >= 0
     with_needle = np.bincount(found.labels[inside], told[inside], minlength=found.count)
     found = found.take(np.flatnonzero(with_needle < MOST_TOLD * found.area_px))
-    return sight.of(found, needle, depth) if found.count else None
+    return replace(sight.of(found, needle, depth), faces_told=False) if found.count else None
 
 
 def soft_steps(depth: Float[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:

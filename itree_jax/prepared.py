@@ -15,6 +15,7 @@ from itree_jax.refinement.hypotheses import turns_about_axes
 from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
+from itree_jax.shown_surface import ShownSurface, shown_surface
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
@@ -36,6 +37,7 @@ class Prepared:
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
+    shown: ShownSurface  # by each view of the dome
     largest_view: float  # the largest area that it shows, across the line of sight [mm^2], or somewhat more
 
     @property
@@ -72,7 +74,8 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
     return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
                     solid(mesh, part.diameter, part.watertight), rival_turns(tree),
-                    distinct_attitudes(part, tree.symmetries), largest_view(part))
+                    distinct_attitudes(part, tree.symmetries),
+                    shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part))
 
 
 def largest_view(part: Part) -> float:

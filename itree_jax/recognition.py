@@ -13,7 +13,6 @@ from itree_jax.answers import Interpretation, best_reason, describe
 from itree_jax.backtracking import (
     DEEP,
     FIRST,
-    PLACING_SIZE,
     Beam,
     every_attitude,
     left_over,
@@ -52,6 +51,7 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_SMALL = "it is much smaller than the part's regions"
+PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
 

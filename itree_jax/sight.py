@@ -46,6 +46,7 @@ class Sight:
     depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
     soft_depth: Float[np.ndarray, "height width"] | None = None  # [mm] also where two cameras only matched windows
     coarse: ObservedMaps | None = None  # what rough poses are held against: the soft depth is good enough for them
+    faces_told: bool = True  # regions' needles tell which way they face
     edges: SceneEdges | None = None  # that part regions where there is no depth, or a soft one
     R_w2c: Float[np.ndarray, "3 3"] | None = None
     of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface

@@ -1,0 +1,72 @@
+"""What each view of the dome shows of a part: points of its surface, and which way they face.
+
+A region is part of what a pose shows: the pose has to show a surface that faces as the region does and is no smaller,
+and the middle of that surface lies where the middle of the region does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from itree_kernels.camera import Camera
+from itree_kernels.correspond import correspondences
+from jaxtyping import Float
+
+from itree_jax.open_attitudes import rolls, views
+from itree_jax.refinement.optimise import RefineModel, window_origins, window_stride
+
+SIZE = 24  # pixels across the window that samples a view
+SAME_WAY = float(np.cos(np.radians(30.0)))  # an attitude is off by up to 15 degrees, and a curved region turns by more
+
+
+@dataclass(frozen=True)
+class ShownSurface:
+    """Of every view of the dome, samples that each stand for the same area of the image."""
+
+    X_ray: Float[np.ndarray, "views samples 3"]  # from the part's origin [mm], in the ray's frame
+    normal_ray: Float[np.ndarray, "views samples 3"]  # 0 where a sample meets nothing
+    sample_mm2: float  # across the line of sight
+
+
+def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownSurface:
+    """What the part shows at this distance [mm], in the middle of the image."""
+    R = views().astype(np.float32)
+    t = np.tile(np.float32([0.0, 0.0, distance]), (len(R), 1))
+    stride = window_stride(camera, model.reach, distance, SIZE)
+    origin = window_origins(camera, t, SIZE, stride)
+    seen = correspondences(model.mesh, R, t, camera, origin, SIZE, stride, model.reach)
+    hit = (seen.triangle >= 0).reshape(len(R), -1)
+    j, i = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
+    uv = origin[:, None, None] + stride * np.stack([j, i], axis=-1)
+    X_cam = camera.unproject(uv, np.asarray(seen.depth, float)).reshape(len(R), -1, 3)
+    normal_obj = model.mesh.triangle_normals[seen.triangle.reshape(len(R), -1)]
+    normal_cam = np.einsum("vab,vsb->vsa", R, normal_obj)
+    return ShownSurface(
+        np.where(hit[..., None], X_cam - t[:, None], 0.0), np.where(hit[..., None], normal_cam, 0.0),
+        (stride * camera.mm_per_px(distance)) ** 2,
+    )  # fmt: skip
+
+
+def middle_of_all(shown: ShownSurface) -> Float[np.ndarray, "views_rolls 3"]:
+    """Of each of `all_attitudes`, the middle of what it shows, from the part's origin [mm], in the ray's frame."""
+    weight = (shown.normal_ray != 0.0).any(axis=-1).astype(float)
+    mean = _mean(shown, weight[..., None])
+    return np.einsum("kab,vkb->vka", rolls(), np.broadcast_to(mean, (len(mean), len(rolls()), 3))).reshape(-1, 3)
+
+
+def middle_of_facing(
+    shown: ShownSurface, normal_ray: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "views_rolls 3"], Float[np.ndarray, "views_rolls"]]:
+    """The same of the surface alone that faces this way, to `SAME_WAY`; and its area [mm^2] across the line of sight,
+    0 where an attitude shows none.
+    """
+    before_roll = normal_ray @ rolls()  # the way that it has to face before the attitude is rolled
+    weight = (shown.normal_ray @ before_roll.T > SAME_WAY).astype(float)
+    middle = np.einsum("kab,vkb->vka", rolls(), _mean(shown, weight)).reshape(-1, 3)
+    return middle, weight.sum(axis=1).reshape(-1) * shown.sample_mm2
+
+
+def _mean(
+    shown: ShownSurface, weight: Float[np.ndarray, "views samples k"]
+) -> Float[np.ndarray, "views k 3"]:
+    total = np.einsum("vsk,vsa->vka", weight, shown.X_ray)
+    return total / np.maximum(weight.sum(axis=1), 1.0)[..., None]
