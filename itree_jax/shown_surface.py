@@ -30,7 +30,7 @@ class ShownSurface:
 def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownSurface:
     """What the part shows at this distance [mm], in the middle of the image."""
     R = views().astype(np.float32)
-    t = np.tile(np.float32([0.0, 0.0, distance]), (len(R), 1))
+    t = np.tile(np.array([0.0, 0.0, distance], np.float32), (len(R), 1))
     stride = window_stride(camera, model.reach, distance, SIZE)
     origin = window_origins(camera, t, SIZE, stride)
     seen = correspondences(model.mesh, R, t, camera, origin, SIZE, stride, model.reach)

@@ -23,9 +23,12 @@ from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.sensing.segments import HeldBy
+from itree_jax.shown_surface import SAME_WAY
 from itree_jax.sight import look
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
+
+FIRST_ALONE = Places(np.zeros(1, int), np.ones(1, bool))
 
 
 def hypotheses(region, log_p) -> RegionHypotheses:
@@ -65,8 +68,8 @@ def sight(paper_tree):
 
 def test_the_dome_leaves_no_attitude_out(prepared, sight):
     """Every rotation has one within what refinement reaches, and the part's surface is where the region's is."""
-    places = Places(np.zeros(1, int), sight.held.centre[:1])
-    found = every_attitude(prepared, sight, places, np.tile(np.eye(3), (sight.found.count, 1, 1)))
+    blind = replace(sight, faces_told=False)
+    found = every_attitude(prepared, blind, FIRST_ALONE, np.tile(np.eye(3), (sight.found.count, 1, 1)))
     R = np.asarray(found.poses.R_cam_obj, float)
     np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-5)
     wanted = Rotation.random(200, rng=0).as_matrix()
@@ -81,22 +84,34 @@ def test_the_dome_leaves_no_attitude_out(prepared, sight):
     assert np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))) < 25.0
 
 
+def test_an_attitude_has_to_show_the_face_that_is_seen(prepared, sight):
+    """Of the whole dome, those stay that show a surface facing as the region does, there; the true one among them."""
+    R_ray_cam = np.tile(Rotation.from_euler("xy", [4, -3], degrees=True).as_matrix(), (sight.found.count, 1, 1))
+    found = every_attitude(prepared, sight, FIRST_ALONE._replace(alone=np.array([False])), R_ray_cam)
+    assert 0.1 * len(prepared.attitudes) < len(found.region) < 0.9 * len(prepared.attitudes)
+    mesh, R, t = prepared.model.mesh, *(np.asarray(a, float) for a in found.poses)
+    facing = (R @ mesh.triangle_normals.T).transpose(0, 2, 1) @ sight.found.mean_normal[0]
+    assert (facing.max(axis=1) > SAME_WAY - 0.1).all()  # lines of sight are not all parallel
+    own = sight.sensor.camera.unproject(sight.found.centroid_uv[0], sight.found.mean_depth[0])
+    assert np.linalg.norm(t - own, axis=1).max() < prepared.model.reach
+    with_whole = every_attitude(prepared, sight, FIRST_ALONE, R_ray_cam)
+    assert len(with_whole.region) == 2 * len(found.region)
+
+
 def asked_places(prepared, sight, area_mm2, segment, segment_mm2):
     """Of regions with these areas, in these segments."""
     count = len(area_mm2)
-    found = SimpleNamespace(
-        area_mm2=np.array(area_mm2), centroid_uv=np.arange(2.0 * count).reshape(count, 2),
-        mean_depth=np.full(count, 900.0),
+    held = HeldBy(np.array(segment), np.array(segment_mm2), np.zeros((count, 3)))
+    return open_places(
+        prepared, replace(sight, found=SimpleNamespace(area_mm2=np.array(area_mm2)), held=held), np.arange(count)
     )
-    held = HeldBy(np.array(segment), np.array(segment_mm2), np.arange(3.0 * count).reshape(count, 3))
-    return open_places(prepared, replace(sight, found=found, held=held), np.arange(count))
 
 
 def test_a_surface_is_one_place_however_many_regions_it_falls_into(prepared, sight):
     some, whole = 0.3 * prepared.usual_area, 0.9 * prepared.usual_area
     places = asked_places(prepared, sight, [some, 1.1 * some, some, some], [4, 4, 4, 7], [whole, whole, whole, some])
     assert places.region.tolist() == [1]
-    np.testing.assert_array_equal(places.centre, [[3.0, 4.0, 5.0]])
+    assert places.alone.all()
 
 
 def test_in_a_pile_every_region_is_a_place(prepared, sight):
@@ -104,8 +119,7 @@ def test_in_a_pile_every_region_is_a_place(prepared, sight):
     pile, one = 2.0 * prepared.largest_view, prepared.usual_area
     places = asked_places(prepared, sight, [one, 0.3 * one, 1.1 * one], [4, 4, 4], [pile] * 3)
     assert places.region.tolist() == [0, 2]
-    own = sight.sensor.camera.unproject(np.array([[0.0, 1.0], [4.0, 5.0]]), np.full(2, 900.0))
-    np.testing.assert_allclose(places.centre, own)
+    assert not places.alone.any()
 
 
 def test_no_view_shows_more_than_the_largest_one(prepared):

@@ -1,0 +1,72 @@
+"""What views show of a box and a sphere: closed forms."""
+
+import numpy as np
+import pytest
+from itree_cad.primitives import box_part, sphere_part
+from itree_kernels.mesh import ray_mesh
+
+from itree_jax.open_attitudes import all_attitudes, rolls, views
+from itree_jax.refinement.optimise import RefineModel, padded_normals
+from itree_jax.sensing.bundled import bundled_sensor
+from itree_jax.shown_surface import SAME_WAY, middle_of_all, middle_of_facing, shown_surface
+from itree_jax.tree.appearances import mesh_reach
+
+SENSOR = bundled_sensor("bench")
+FAR = SENSOR.working_distance
+
+
+def shown(part):
+    mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle, device="cpu")
+    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter)
+    return shown_surface(model, SENSOR.camera, FAR)
+
+
+@pytest.fixture(scope="module")
+def box():
+    return shown(box_part(60.0, 40.0, 30.0))
+
+
+def test_samples_lie_on_the_surface_and_face_the_viewer(box):
+    hit = (box.normal_ray != 0.0).any(axis=-1)
+    X_obj = np.einsum("vba,vsb->vsa", views(), box.X_ray)[hit]
+    off = np.abs(np.abs(X_obj) / np.array([30.0, 20.0, 15.0])).max(axis=-1)
+    np.testing.assert_allclose(off, 1.0, atol=1e-3)
+    assert (box.normal_ray[hit][:, 2] < 0.1).all()  # the lines of sight part by some degrees
+
+
+def test_a_sphere_shows_its_middle_whatever_the_attitude():
+    ball = shown(sphere_part(25.0))
+    middle = middle_of_all(ball)
+    np.testing.assert_allclose(middle, np.tile([0.0, 0.0, -2.0 / 3.0 * 25.0], (len(middle), 1)), atol=1.5)
+    area = (ball.normal_ray != 0.0).any(axis=-1).sum(axis=1) * ball.sample_mm2
+    np.testing.assert_allclose(area, np.pi * 25.0**2, rtol=0.08)
+
+
+def test_what_faces_a_way_is_the_cap_around_it():
+    """Of a sphere, the middle of the cap within the angle, whose shadow on the image is an ellipse."""
+    ball = shown(sphere_part(25.0))
+    way = np.array([0.0, np.sin(0.5), -np.cos(0.5)])
+    middle, area = middle_of_facing(ball, way)
+    np.testing.assert_allclose(area, np.pi * 25.0**2 * (1.0 - SAME_WAY**2) * np.cos(0.5), rtol=0.25)
+    cosine = middle @ way / np.linalg.norm(middle, axis=1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 8.0
+
+
+def test_an_attitude_shows_the_faces_of_a_box_that_turn_to_the_viewer(box):
+    """Facing as one of its faces does: the area of that face, foreshortened, and its middle; else none."""
+    way = np.array([0.0, 0.0, -1.0])
+    middle, area = middle_of_facing(box, way)
+    normals, edges = np.concatenate([np.eye(3), -np.eye(3)]), np.array([60.0, 40.0, 30.0])
+    facing = np.einsum("rab,fb->rfa", all_attitudes(), normals) @ way
+    side = facing.argmax(axis=1)
+    clear = facing.max(axis=1) > SAME_WAY + 0.05
+    expected = np.array([edges.prod() / edges[k % 3] for k in side]) * facing.max(axis=1)
+    np.testing.assert_allclose(area[clear], expected[clear], rtol=0.2)
+    centre = np.einsum("rab,rb->ra", all_attitudes(), normals[side] * edges[side % 3][:, None] / 2.0)
+    assert np.linalg.norm(middle - centre, axis=1)[clear].max() < 4.0
+    assert (area[facing.max(axis=1) < SAME_WAY - 0.05] == 0.0).all()
+
+
+def test_rolled_attitudes_show_the_same_turned(box):
+    middle = middle_of_all(box).reshape(60, -1, 3)
+    np.testing.assert_allclose(middle, np.einsum("kab,vb->vka", rolls(), middle[:, 0]), atol=1e-9)
