@@ -16,18 +16,20 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.answers import Interpretation
 from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
-from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.hypotheses import RegionHypotheses, distinct
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.regions import added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments
-from itree_jax.shown_surface import middle_of_all, middle_of_facing
+from itree_jax.shown_surface import facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
+from itree_jax.split_region import pieces_of
 from itree_jax.stereo.dual_stereo import AGREES
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
+NEARLY_OPEN = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
 MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
@@ -92,9 +94,10 @@ def open_places(prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"
 def every_attitude(
     prepared: Prepared, sight: Sight, places: Places, R_ray_cam: Float[np.ndarray, "regions 3 3"]
 ) -> RegionHypotheses:
-    """The whole dome at every place: all attitudes that show a surface which faces as the region does and isn't much
-    smaller, with the middle of the one on the middle of the other; and where the surface may be one part's, with the
-    middle of all that they show on the middle of the surface too.
+    """The whole dome at every place. All attitudes that show a surface which faces about as the region does and isn't
+    much smaller, turned so that it faces as the region does, with its middle on the region's, or on that of every piece
+    of a region that is larger than such a surface. Where the surface that the region is of may be one part's, also the
+    attitudes as they are, with the middle of all that they show on the middle of the surface.
 
     Each attitude stands for the appearance of the nearest one in the tree.
     """
@@ -103,24 +106,36 @@ def every_attitude(
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     R_ray_obj, of_all = all_attitudes(), middle_of_all(prepared.shown)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    parts = []
+    places_of = []
     for region, alone in zip(*places, strict=True):
-        R_cam_ray = R_ray_cam[region].T
-        own = sight.sensor.camera.unproject(found.centroid_uv[region], found.mean_depth[region])
-        middle, area = middle_of_facing(prepared.shown, found.mean_normal[region] @ R_cam_ray)
-        kept = prepared.attitudes
+        R_cam_ray, kept = R_ray_cam[region].T, prepared.attitudes
         if sight.faces_told:
-            kept = kept[area[kept] >= LEAST_FACING * found.area_mm2[region]]
-            parts.append((region, kept, R_cam_ray, own - middle[kept] @ R_cam_ray.T))
+            way_ray = found.mean_normal[region] @ R_cam_ray
+            shown = facing(prepared.shown, way_ray)
+            kept = kept[shown.area[kept] >= LEAST_FACING * found.area_mm2[region]]
+            R = turns_onto(shown.normal[kept], way_ray)
+            middle = np.einsum("kab,kb->ka", R, shown.middle[kept])
+            for own in middles(sight, region, np.median(shown.area[kept]) if len(kept) else np.inf):
+                places_of.append((region, kept, R_cam_ray @ R @ R_ray_obj[kept], own - middle @ R_cam_ray.T))
         if alone or not sight.faces_told:
-            centre = sight.held.centre[region] if alone else own
-            parts.append((region, kept, R_cam_ray, centre - of_all[kept] @ R_cam_ray.T))
-    region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in parts])
-    R = np.concatenate([R_cam_ray @ R_ray_obj[kept] for _, kept, R_cam_ray, _ in parts])
-    t = np.concatenate([t for *_, t in parts])
-    row = with_row[1][nearest[np.concatenate([kept for _, kept, *_ in parts])]]
+            centre = sight.held.centre[region] if alone else middles(sight, region, np.inf)[0]
+            places_of.append((region, kept, R_cam_ray @ R_ray_obj[kept], centre - of_all[kept] @ R_cam_ray.T))
+    region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in places_of])
+    attitude, R, t = (np.concatenate([one[k] for one in places_of]) for k in (1, 2, 3))
     poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
-    return RegionHypotheses(poses, region, row, np.full(len(region), -np.inf), np.zeros(len(region), bool))
+    every = RegionHypotheses(
+        poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), np.zeros(len(region), bool)
+    )
+    return every.take(distinct(every, tree.symmetries, prepared.model.diameter, NEARLY_OPEN))
+
+
+def middles(sight: Sight, region: int, face_mm2: float) -> Float[np.ndarray, "pieces 3"]:
+    """The middle of a region, or of its pieces if it is larger than a face of this area [mm^2], camera frame [mm]."""
+    found = sight.found
+    face_pixels = face_mm2 / found.area_mm2[region] * found.area_px[region]
+    u_v_z = pieces_of(found.mask(region), sight.depth, face_pixels)
+    z = np.where(np.isfinite(u_v_z[:, 2]), u_v_z[:, 2], found.mean_depth[region])
+    return sight.sensor.camera.unproject(u_v_z[:, :2], z)
 
 
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:

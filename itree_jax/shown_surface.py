@@ -1,10 +1,12 @@
 """What each view of the dome shows of a part: points of its surface, and which way they face.
 
-A region is part of what a pose shows: the pose has to show a surface that faces as the region does and is no smaller,
-and the middle of that surface lies where the middle of the region does.
+A region is part of what a pose shows: the pose has to show a surface that faces as the region does and is no smaller.
+The mean normal and the middle of that surface are those of the region, so that what an attitude of the dome leaves open
+is a turn about the normal.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from itree_kernels.camera import Camera
@@ -49,24 +51,42 @@ def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownS
 def middle_of_all(shown: ShownSurface) -> Float[np.ndarray, "views_rolls 3"]:
     """Of each of `all_attitudes`, the middle of what it shows, from the part's origin [mm], in the ray's frame."""
     weight = (shown.normal_ray != 0.0).any(axis=-1).astype(float)
-    mean = _mean(shown, weight[..., None])
+    mean = _mean(shown.X_ray, weight[..., None])
     return np.einsum("kab,vkb->vka", rolls(), np.broadcast_to(mean, (len(mean), len(rolls()), 3))).reshape(-1, 3)
 
 
-def middle_of_facing(
-    shown: ShownSurface, normal_ray: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "views_rolls 3"], Float[np.ndarray, "views_rolls"]]:
-    """The same of the surface alone that faces this way, to `SAME_WAY`; and its area [mm^2] across the line of sight,
-    0 where an attitude shows none.
-    """
-    before_roll = normal_ray @ rolls()  # the way that it has to face before the attitude is rolled
+class Facing(NamedTuple):
+    """Of each of `all_attitudes`, what it shows that faces one way; in the ray's frame."""
+
+    middle: Float[np.ndarray, "views_rolls 3"]  # from the part's origin [mm]
+    normal: Float[np.ndarray, "views_rolls 3"]  # unit, the mean; the way itself where it shows none
+    area: Float[np.ndarray, "views_rolls"]  # across the line of sight [mm^2]
+
+
+def facing(shown: ShownSurface, way_ray: Float[np.ndarray, "3"]) -> Facing:
+    """What faces this way, to `SAME_WAY`."""
+    before_roll = way_ray @ rolls()  # the way that it has to face before the attitude is rolled
     weight = (shown.normal_ray @ before_roll.T > SAME_WAY).astype(float)
-    middle = np.einsum("kab,vkb->vka", rolls(), _mean(shown, weight)).reshape(-1, 3)
-    return middle, weight.sum(axis=1).reshape(-1) * shown.sample_mm2
+    middle, normal = (np.einsum("kab,vkb->vka", rolls(), _mean(of, weight)) for of in (shown.X_ray, shown.normal_ray))
+    area = weight.sum(axis=1) * shown.sample_mm2
+    normal = np.where(area[..., None] > 0.0, normal, way_ray)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    return Facing(middle.reshape(-1, 3), normal.reshape(-1, 3), area.reshape(-1))
+
+
+def turns_onto(
+    normal: Float[np.ndarray, "n 3"], way: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """The least rotations that carry unit vectors onto another one, less than a half turn away."""
+    axis = np.cross(normal, way)
+    K = np.zeros((len(normal), 3, 3))
+    K[:, [2, 0, 1], [1, 2, 0]] = axis
+    K[:, [1, 2, 0], [2, 0, 1]] = -axis
+    return np.eye(3) + K + K @ K / (1.0 + normal @ way)[:, None, None]
 
 
 def _mean(
-    shown: ShownSurface, weight: Float[np.ndarray, "views samples k"]
+    values: Float[np.ndarray, "views samples 3"], weight: Float[np.ndarray, "views samples k"]
 ) -> Float[np.ndarray, "views k 3"]:
-    total = np.einsum("vsk,vsa->vka", weight, shown.X_ray)
+    total = np.einsum("vsk,vsa->vka", weight, values)
     return total / np.maximum(weight.sum(axis=1), 1.0)[..., None]

@@ -96,13 +96,13 @@ def best_of_each_region(
 
 
 def distinct(
-    hypotheses: RegionHypotheses, symmetries: Symmetries, diameter: float
+    hypotheses: RegionHypotheses, symmetries: Symmetries, diameter: float, nearly: float = REPEATED
 ) -> Int[np.ndarray, "distinct"]:
     """Indices of the hypotheses that repeat no likelier one of their region: a symmetric part has many names for one
     pose.
     """
     log_p = np.where(np.isfinite(hypotheses.log_likelihood), hypotheses.log_likelihood, -np.finfo(float).max)
-    return np.sort(best_of_each_region(log_p, hypotheses, len(log_p), symmetries, diameter, REPEATED))
+    return np.sort(best_of_each_region(log_p, hypotheses, len(log_p), symmetries, diameter, nearly))
 
 
 def turns_about_axes(
