@@ -117,7 +117,7 @@ def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, tru
     open_ = SCORINGS[sight.kind]._replace(least=0.0)
     X, shares, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros(0)], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
     for answer, selection in zip(answers, selections(answers, sight, open_) if answers else [], strict=True):
-        poses = answer.hypotheses.poses
+        poses = prepared.of_object(answer.hypotheses.poses)
         X.append(terms(selection.measures))
         shares.append(share(selection.measures.margin))
         R.append(np.asarray(poses.R_cam_obj, float)[selection.accepted])

@@ -79,12 +79,12 @@ def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: M
         return
     asked = np.arange(sight.found.count)
     measured = measure_regions(sight.found, sight.needle, scene.images, scene.sensor, prepared.pitch)
-    features = features_of(measured, asked, sight.found, scene.sensor, BESIDE_REACH * prepared.model.reach)
+    features = features_of(measured, asked, sight.found, scene.sensor, BESIDE_REACH * prepared.feature_reach)
     log_p = classify(features, prepared.classification).group_log_probability
     candidates = determine(features, log_p, prepared.determination, BY_SHAPE, BY_EGI)
-    first = as_hypotheses(candidates, prepared.tree, sight, asked, measured.R_ray_cam)
+    first = as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam)
     by_segment = placed_by_segment(first, prepared, sight)
-    error = np.minimum(*(errors(h, truth, model) for h in (first, by_segment)))
+    error = np.minimum(*(errors(h, prepared, truth, model) for h in (first, by_segment)))
     for region in asked:
         mine = np.flatnonzero(first.region == region)
         order = mine[np.argsort(-first.log_likelihood[mine], kind="stable")]
@@ -97,9 +97,9 @@ def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: M
         yield Ranks(float(truth.visible[instance]), before, few, most)
 
 
-def errors(hypotheses: RegionHypotheses, truth: SceneTruth, model: Model) -> np.ndarray:
+def errors(hypotheses: RegionHypotheses, prepared: Prepared, truth: SceneTruth, model: Model) -> np.ndarray:
     """MSSD over the diameter of every hypothesis to every instance."""
-    R, t = (np.asarray(a, float) for a in hypotheses.poses)
+    R, t = prepared.of_object(hypotheses.poses)
     true = Pose(truth.pose.R[None], truth.pose.t[None])
     parts = [
         mssd(Pose(R[k : k + 256, None], t[k : k + 256, None]), true, model.hull, model.symmetries)

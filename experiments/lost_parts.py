@@ -107,8 +107,8 @@ def fates(
     for found in {id(a.found): a.found for a in answers}.values():
         owned += [bool((most_of(found.labels, instance) == k).any()) for k in range(len(owned))]
     nothing = np.full((1, len(owned)), np.inf)
-    begun = np.concatenate([nothing, *(errors(s, truth, model) for s in starts)]).min(axis=0)
-    ended = [errors(a.hypotheses, truth, model) for a in answers]
+    begun = np.concatenate([nothing, *(errors(s, prepared, truth, model) for s in starts)]).min(axis=0)
+    ended = [errors(a.hypotheses, prepared, truth, model) for a in answers]
     score = np.concatenate([a.selection.score for a in answers]) if answers else np.zeros(0)
     reason = [r for a in answers for r in a.selection.reason]
     error = np.concatenate(ended) if ended else np.zeros((0, len(owned)))

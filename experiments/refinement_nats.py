@@ -58,7 +58,7 @@ def ratios_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth) -> list
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     camera, model = scene.sensor.camera, prepared.model
     stages = [step.stage for step in plan.rounds[-2:]]
-    poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
+    poses = Hypotheses(*(a.astype(np.float32) for a in prepared.about_middle(R, t)))
     for stage in stages:
         poses = refine(poses, model, sight.observed, camera, plan.deviations, [stage], plan.jump)
     weighed = support(poses, model, sight.observed, camera, plan.errors, plan.jump)

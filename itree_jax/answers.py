@@ -15,6 +15,7 @@ from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.select import Judged, Selection
 from itree_jax.refinement.uncertainty import (
+    RimMotions,
     rim_motions,
     rim_uncertainty,
     twist_covariance,
@@ -82,13 +83,14 @@ def describe_one(
     spread: Float[np.ndarray, "6 6"],
 ) -> Detection:
     """One accepted hypothesis, with the other poses of its place that the scene hardly tells from it."""
-    tree, selection = answer.prepared.tree, answer.selection
+    prepared, tree, selection = answer.prepared, answer.prepared.tree, answer.selection
     region = int(answer.hypotheses.region[h])
     R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
     weight = answer.judged.log_likelihood
     others, margins = selection.rivals[list(selection.accepted).index(h)]
-    other, share = rivals(others, margins, R_all, t_all, tree.symmetries, tree.part.diameter)
+    other, share = rivals(others, margins, R_all, t_all, prepared.symmetries, tree.part.diameter)
     margin = margins[np.isin(others, other)].tolist()
+    R_all, t_all = prepared.of_object(answer.hypotheses.poses)
     alternatives = tuple(
         Alternative(pose_matrix(nearest_rotation(R_all[k]), t_all[k]), float(s))
         for k, s in zip(other, share, strict=True)
@@ -97,9 +99,9 @@ def describe_one(
     turns = tree.symmetries.continuous
     rim = rim_motions(tree.part.vertices, tree.part.diameter, R)
     information, spread = (
-        without_free_turns(np.asarray(e, float), turns, R) for e in (information, spread)
+        without_free_turns(np.asarray(e, float), prepared.symmetries.continuous, R) for e in (information, spread)
     )
-    uncertain = rim_uncertainty(information, spread, rim)
+    uncertain = rim_uncertainty(information, spread, RimMotions(tree.part.diameter, np.zeros(3)))
     std = twist_deviation(uncertain, rim)
     seen = answer.judged.support
     pixels = seen.stride**2  # image pixels that a window pixel stands for

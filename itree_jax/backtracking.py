@@ -126,7 +126,7 @@ def every_attitude(
     every = RegionHypotheses(
         poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), np.zeros(len(region), bool)
     )
-    return every.take(distinct(every, tree.symmetries, prepared.model.diameter, NEARLY_OPEN))
+    return every.take(distinct(every, prepared.symmetries, prepared.model.diameter, NEARLY_OPEN))
 
 
 def middles(sight: Sight, region: int, face_mm2: float) -> Float[np.ndarray, "pieces 3"]:

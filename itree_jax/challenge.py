@@ -80,7 +80,7 @@ def best_as_they_are(
         step.stage.size, plan.jump, sight.others,
     )
     return best_of_each_region(
-        agreement(verdict), hypotheses, most, prepared.tree.symmetries, prepared.model.diameter
+        agreement(verdict), hypotheses, most, prepared.symmetries, prepared.model.diameter
     )
 
 
@@ -94,7 +94,7 @@ def others_than(
     for k in range(len(t_own)):
         mine = hypotheses.region == k
         apart = same_part_distance(
-            R[mine], t[mine], R_own[k], t_own[k], prepared.tree.symmetries, prepared.model.diameter
+            R[mine], t[mine], R_own[k], t_own[k], prepared.symmetries, prepared.model.diameter
         )
         near[mine] = apart < NEARLY_SAME * prepared.model.diameter
     return hypotheses.take(np.flatnonzero(~near))

@@ -24,7 +24,7 @@ def narrow(
 
     Rough rounds take what the sight has for them.
     """
-    model, symmetries, camera = prepared.model, prepared.tree.symmetries, sight.sensor.camera
+    model, symmetries, camera = prepared.model, prepared.symmetries, sight.sensor.camera
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
         observed = sight.coarse if rough and sight.coarse is not None else sight.observed
@@ -58,4 +58,4 @@ def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: 
 def rivalry(hypotheses: RegionHypotheses, prepared: Prepared) -> Bool[np.ndarray, "hypotheses hypotheses"]:
     """Which hypotheses are other poses of the same place."""
     R, t = (np.asarray(a, float) for a in hypotheses.poses)
-    return same_place(R, t, prepared.tree.symmetries, prepared.model.diameter)
+    return same_place(R, t, prepared.symmetries, prepared.model.diameter)

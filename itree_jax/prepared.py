@@ -1,22 +1,24 @@
 """Trees made ready for recognition: ray meshes built, arrays where they are used."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 from itree_cad.part import Part
+from itree_cad.symmetry import Symmetries
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Float, Int
 
 from itree_jax.open_attitudes import distinct_attitudes
 from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.hypotheses import turns_about_axes
-from itree_jax.refinement.optimise import RefineModel, padded_normals, padded_surface
+from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
+from itree_jax.refinement.uncertainty import box_middle
 from itree_jax.shown_surface import ShownSurface, shown_surface
-from itree_jax.tree.appearances import mesh_reach, window_camera
+from itree_jax.tree.appearances import mesh_reach, reach_of, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
 from itree_jax.tree.dome import dome
@@ -27,18 +29,34 @@ from itree_jax.tree.tree import InterpretationTree
 
 @dataclass(frozen=True)
 class Prepared:
-    """A tree with its arrays on the device. Prepare once, recognise many scenes."""
+    """A tree with its arrays on the device. Prepare once, recognise many scenes.
+
+    CAD files put a part's origin anywhere. Inside recognition its middle is the origin: poses of one place lie near
+    each other, and windows about the origin are no larger than the part.
+    """
 
     tree: InterpretationTree
-    model: RefineModel
+    middle: Float[np.ndarray, "3"]  # of the part's bounding box, object frame [mm]
+    model: RefineModel  # about the middle, as all that follows
+    symmetries: Symmetries
     classification: ClassificationArrays
     determination: DeterminationArrays
     pitch: float  # of feature windows [mm]
+    feature_reach: float  # of the part from the origin that the tree was compiled about [mm]
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
     shown: ShownSurface  # by each view of the dome
     largest_view: float  # the largest area that it shows, across the line of sight [mm^2], or somewhat more
+
+    def of_object(self, poses: Hypotheses) -> Hypotheses:
+        """Poses of the part about its middle as those of the CAD file's own frame: T_cam_obj."""
+        R, t = (np.asarray(a, float) for a in poses)
+        return Hypotheses(R, t - R @ self.middle)
+
+    def about_middle(self, R_cam_obj: Float[np.ndarray, "*n 3 3"], t_cam_obj: Float[np.ndarray, "*n 3"]) -> Hypotheses:
+        """The other way round."""
+        return Hypotheses(R_cam_obj, t_cam_obj + R_cam_obj @ self.middle)
 
     @property
     def usual_area(self) -> float:
@@ -67,15 +85,19 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     """Builds the ray mesh and puts the tree's arrays where they are used; of a forest, of all its trees."""
     if isinstance(tree, Forest):
         return PreparedForest(tuple(prepare(one) for one in tree.trees), tree.root)
-    part = tree.part
+    feature_reach = reach_of(tree.part.vertices)
+    middle = box_middle(tree.part.vertices)
+    part = replace(tree.part, vertices=np.asarray(tree.part.vertices, float) - middle)
+    symmetries = tree.symmetries.about(middle)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
-    reach = mesh_reach(mesh)
     surface = padded_surface(smooth_surface(mesh))
-    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), reach, part.diameter, surface)
-    return Prepared(tree, model, classification_arrays(tree), determination_arrays(tree), window_camera(reach)[1],
-                    solid(mesh, part.diameter, part.watertight), rival_turns(tree),
-                    distinct_attitudes(part, tree.symmetries),
-                    shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part))
+    model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter, surface)
+    return Prepared(
+        tree, middle, model, symmetries, classification_arrays(tree), determination_arrays(tree),
+        window_camera(feature_reach)[1], feature_reach, solid(mesh, part.diameter, part.watertight),
+        rival_turns(part, symmetries), distinct_attitudes(part, symmetries),
+        shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part),
+    )
 
 
 def largest_view(part: Part) -> float:
@@ -88,12 +110,11 @@ def largest_view(part: Part) -> float:
     return min(float(facing.max()), np.pi / 4.0 * part.diameter**2)
 
 
-def rival_turns(tree: InterpretationTree) -> Float[np.ndarray, "turns 4 4"]:
+def rival_turns(part: Part, symmetries: Symmetries) -> Float[np.ndarray, "turns 4 4"]:
     """Turns about the part's main axes after which it lies otherwise."""
-    part = tree.part
     turns = turns_about_axes(part.vertices, part.triangles)
     apart = same_part_distance(
-        turns[:, :3, :3], turns[:, :3, 3], np.eye(3), np.zeros(3), tree.symmetries, part.diameter
+        turns[:, :3, :3], turns[:, :3, 3], np.eye(3), np.zeros(3), symmetries, part.diameter
     )
     return turns[apart > NEARLY_SAME * part.diameter]
 

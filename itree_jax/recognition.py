@@ -250,14 +250,14 @@ def interpret(
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, sensor = prepared.tree, sight.sensor
-    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.model.reach)
+    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.feature_reach)
     classification = jax.device_get(classify(features, prepared.classification))
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
     )
-    hypotheses = likeliest(as_hypotheses(candidates, tree, sight, asked, measured.R_ray_cam), beam.mass)
+    hypotheses = likeliest(as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam), beam.mass)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
-    hypotheses = hypotheses.take(distinct(hypotheses, tree.symmetries, prepared.model.diameter))
+    hypotheses = hypotheses.take(distinct(hypotheses, prepared.symmetries, prepared.model.diameter))
     if beam.whole_dome:
         places = open_places(prepared, sight, asked)
         if len(places.region):
@@ -273,7 +273,7 @@ def interpret(
 
 
 def as_hypotheses(
-    candidates: Candidates, tree: InterpretationTree, sight: Sight, asked: Int[np.ndarray, "asked"],
+    candidates: Candidates, prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"],
     R_ray_cam: Float[np.ndarray, "regions 3 3"],
 ) -> RegionHypotheses:
     """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
@@ -286,7 +286,8 @@ def as_hypotheses(
     R_ray_obj = np.take_along_axis(R_ray_obj, pick[..., None, None], axis=1)
     row = np.take_along_axis(row, pick, axis=1)
     X_region = sight.sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-    R, t = place(R_ray_obj, tree.appearances.centroid_obj[row], R_ray_cam[asked], X_region[asked])
+    from_middle = prepared.tree.appearances.centroid_obj[row] - prepared.middle
+    R, t = place(R_ray_obj, from_middle, R_ray_cam[asked], X_region[asked])
     region = np.repeat(asked, row.shape[1])
     poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
     log_likelihood = np.where(empty, -np.inf, score).reshape(-1)

@@ -26,6 +26,13 @@ class Symmetries:
     discrete: Float[np.ndarray, "k 4 4"]  # rotation and translation [mm]; the identity first
     continuous: tuple[tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]], ...]  # unit axis, point on it [mm]
 
+    def about(self, origin: Float[np.ndarray, "3"]) -> "Symmetries":
+        """The same in a frame whose origin is this point [mm]; axes are told by their points nearest to it."""
+        discrete = np.array(self.discrete, float)
+        discrete[:, :3, 3] += discrete[:, :3, :3] @ origin - origin
+        across = ((axis, np.asarray(point) - origin) for axis, point in self.continuous)
+        return Symmetries(discrete, tuple((axis, point - (point @ axis) * axis) for axis, point in across))
+
 
 def symmetries(part: Part, tolerance: float = TOLERANCE) -> Symmetries:
     """All rotations that carry the part's surface into itself, to `tolerance` of its diameter (plus the sagitta of its

@@ -24,7 +24,7 @@ def groups_of_truth(prepared: Prepared, judged: JudgedScene) -> Int[np.ndarray, 
     mine = judged.truth.obj_id == prepared.tree.obj_id
     groups = np.full(len(mine), -1)
     if mine.any():
-        poses = Pose(judged.truth.pose.R[mine], judged.truth.pose.t[mine])
+        poses = Pose(*prepared.about_middle(judged.truth.pose.R[mine], judged.truth.pose.t[mine]))
         groups[mine] = true_groups(prepared.tree, prepared.model.mesh, poses, judged.truth.camera)
     return groups
 

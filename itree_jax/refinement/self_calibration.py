@@ -145,8 +145,8 @@ def calibrated_by_answers(
     kinds = {obj_id: k for k, obj_id in enumerate(dict.fromkeys(d.obj_id for d in sure))}
     parts = [
         PlacedPart(
-            by_object[d.obj_id].model, d.R_cam_obj, d.t_cam_obj, kinds[d.obj_id],
-            tuple(by_object[d.obj_id].tree.symmetries.continuous),
+            by_object[d.obj_id].model, *by_object[d.obj_id].about_middle(d.R_cam_obj, d.t_cam_obj), kinds[d.obj_id],
+            tuple(by_object[d.obj_id].symmetries.continuous),
         )
         for d in sure
     ]  # fmt: skip
