@@ -34,4 +34,4 @@ def pieces_of(
 
 def _middle(uv: Float[np.ndarray, "n 2"], z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "3"]:
     known = np.isfinite(z)
-    return np.append(uv.mean(axis=0), z[known].mean() if known.any() else np.nan)
+    return np.append(uv.mean(axis=0), np.median(z[known]) if known.any() else np.nan)

@@ -95,7 +95,7 @@ def test_an_attitude_has_to_show_the_face_that_is_seen(prepared, sight):
     own = sight.sensor.camera.unproject(sight.found.centroid_uv[0], sight.found.mean_depth[0])
     assert np.linalg.norm(t - own, axis=1).max() < prepared.model.reach
     with_whole = every_attitude(prepared, sight, FIRST_ALONE, R_ray_cam)
-    assert len(with_whole.region) == 2 * len(found.region)
+    assert len(found.region) < len(with_whole.region) <= 2 * len(prepared.attitudes)
 
 
 def asked_places(prepared, sight, area_mm2, segment, segment_mm2):

@@ -8,7 +8,7 @@ from itree_kernels.mesh import ray_mesh
 from itree_jax.open_attitudes import all_attitudes, rolls, views
 from itree_jax.refinement.optimise import RefineModel, padded_normals
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.shown_surface import SAME_WAY, middle_of_all, middle_of_facing, shown_surface
+from itree_jax.shown_surface import SAME_WAY, facing, middle_of_all, shown_surface, turns_onto
 from itree_jax.tree.appearances import mesh_reach
 
 SENSOR = bundled_sensor("bench")
@@ -46,7 +46,8 @@ def test_what_faces_a_way_is_the_cap_around_it():
     """Of a sphere, the middle of the cap within the angle, whose shadow on the image is an ellipse."""
     ball = shown(sphere_part(25.0))
     way = np.array([0.0, np.sin(0.5), -np.cos(0.5)])
-    middle, area = middle_of_facing(ball, way)
+    middle, normal, area = facing(ball, way)
+    np.testing.assert_allclose(normal, np.tile(way, (len(normal), 1)), atol=0.15)
     np.testing.assert_allclose(area, np.pi * 25.0**2 * (1.0 - SAME_WAY**2) * np.cos(0.5), rtol=0.25)
     cosine = middle @ way / np.linalg.norm(middle, axis=1)
     assert np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).max() < 8.0
@@ -55,16 +56,32 @@ def test_what_faces_a_way_is_the_cap_around_it():
 def test_an_attitude_shows_the_faces_of_a_box_that_turn_to_the_viewer(box):
     """Facing as one of its faces does: the area of that face, foreshortened, and its middle; else none."""
     way = np.array([0.0, 0.0, -1.0])
-    middle, area = middle_of_facing(box, way)
+    middle, mean_normal, area = facing(box, way)
     normals, edges = np.concatenate([np.eye(3), -np.eye(3)]), np.array([60.0, 40.0, 30.0])
-    facing = np.einsum("rab,fb->rfa", all_attitudes(), normals) @ way
-    side = facing.argmax(axis=1)
-    clear = facing.max(axis=1) > SAME_WAY + 0.05
-    expected = np.array([edges.prod() / edges[k % 3] for k in side]) * facing.max(axis=1)
+    seen = np.einsum("rab,fb->rfa", all_attitudes(), normals) @ way
+    side = seen.argmax(axis=1)
+    clear = seen.max(axis=1) > SAME_WAY + 0.05
+    expected = np.array([edges.prod() / edges[k % 3] for k in side]) * seen.max(axis=1)
     np.testing.assert_allclose(area[clear], expected[clear], rtol=0.2)
     centre = np.einsum("rab,rb->ra", all_attitudes(), normals[side] * edges[side % 3][:, None] / 2.0)
     assert np.linalg.norm(middle - centre, axis=1)[clear].max() < 4.0
-    assert (area[facing.max(axis=1) < SAME_WAY - 0.05] == 0.0).all()
+    own = np.einsum("rab,rb->ra", all_attitudes(), normals[side])
+    np.testing.assert_allclose(mean_normal[clear], own[clear], atol=1e-6)
+    none = seen.max(axis=1) < SAME_WAY - 0.05
+    assert (area[none] == 0.0).all()
+    np.testing.assert_array_equal(mean_normal[none], np.tile(way, (none.sum(), 1)))
+
+
+def test_the_least_turn_carries_one_normal_onto_another():
+    rng = np.random.default_rng(0)
+    normal = rng.normal((0.0, 0.0, -3.0), size=(50, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    way = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
+    R = turns_onto(normal, way)
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.einsum("nab,nb->na", R, normal), np.tile(way, (50, 1)), atol=1e-12)
+    angle = np.arccos((np.trace(R, axis1=1, axis2=2) - 1.0) / 2.0)
+    np.testing.assert_allclose(angle, np.arccos(normal @ way), atol=1e-6)
 
 
 def test_rolled_attitudes_show_the_same_turned(box):

@@ -9,7 +9,7 @@ from itree_cad.csg import Surface, box, extrude, polygon
 from itree_cad.load import load_part, save_stl
 from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 from itree_cad.surface_distance import SurfaceDistance
-from itree_cad.symmetry import rotation, symmetries
+from itree_cad.symmetry import Symmetries, rotation, symmetries
 
 
 def prism(sides, radius=20.0, height=13.0):
@@ -130,3 +130,18 @@ def test_bundled_parts_without_symmetry_are_far_from_any(name):
     for axis in frame.T:
         turned = (part.vertices - mesh.center_mass) @ rotation(axis, np.pi).T + mesh.center_mass
         assert surface.near(turned, 96).max() > 2.0
+
+
+def test_symmetries_seen_from_another_origin():
+    """Moved points go where moved symmetries carry them; an axis is told by its point nearest to the origin."""
+    origin, turn = np.array([3.0, -2.0, 5.0]), np.diag([-1.0, -1.0, 1.0, 1.0])
+    turn[:3, 3] = 8.0, 2.0, 0.0
+    axis, point = np.array([0.0, 0.0, 1.0]), np.array([4.0, 1.0, 77.0])
+    own = Symmetries(np.stack([np.eye(4), turn]), ((axis, point),))
+    moved = own.about(origin)
+    X = np.random.default_rng(0).normal(size=(20, 3))
+    for before, after in zip(own.discrete, moved.discrete, strict=True):
+        carried = X @ before[:3, :3].T + before[:3, 3]
+        np.testing.assert_allclose((X - origin) @ after[:3, :3].T + after[:3, 3], carried - origin, atol=1e-12)
+    np.testing.assert_allclose(moved.continuous[0][1], [1.0, 3.0, 0.0])
+    np.testing.assert_array_equal(own.discrete[1], turn)
