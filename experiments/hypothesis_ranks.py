@@ -79,7 +79,7 @@ def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: M
         return
     asked = np.arange(sight.found.count)
     measured = measure_regions(sight.found, sight.needle, scene.images, scene.sensor, prepared.pitch)
-    features = features_of(measured, asked, sight.found, scene.sensor, BESIDE_REACH * prepared.feature_reach)
+    features = features_of(measured, asked, sight.found, scene.sensor, BESIDE_REACH * prepared.model.reach)
     log_p = classify(features, prepared.classification).group_log_probability
     candidates = determine(features, log_p, prepared.determination, BY_SHAPE, BY_EGI)
     first = as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam)

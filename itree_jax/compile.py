@@ -64,12 +64,13 @@ def compile_tree(
     symmetry = symmetries(part)
     part = rings(part, symmetry)
     tell("casting the dome", 0.05)
-    mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
+    about = part.about_middle()  # windows are about the origin, and no larger than the part then
+    mesh = ray_mesh(about.vertices, about.triangles, about.face_of_triangle)
 
     def dome_seen(done: int, views: int) -> None:
         tell(f"casting the dome: {done} of {views} views", 0.15 - 0.1 * (1.0 - done / views))
 
-    groups = attitude_groups(mesh, part, sensor, dome_frequency, label_faces, dome_seen, symmetry)
+    groups = attitude_groups(mesh, about, sensor, dome_frequency, label_faces, dome_seen, symmetry)
     if groups.pruned.all():
         raise ItreeError(
             f"No attitude group of {part.name!r} can be told by this sensor: {groups.pruned_reason[0]}. "
@@ -100,6 +101,7 @@ def compile_tree(
     determination = measure_determination(table, ROLLS, symmetry, train, test, groups.group_count, policy)
     tell("work models", 0.95)
     leaves = leaf_models(mesh, sensor, groups)
+    table = replace(table, centroid_obj=(table.centroid_obj + part.middle).astype(np.float32))
     tell("done", 1.0)
     return InterpretationTree(
         part=part, obj_id=obj_id, symmetries=symmetry, sensor=sensor, policy=policy, seed=seed, groups=groups,

@@ -1,7 +1,7 @@
 """Trees made ready for recognition: ray meshes built, arrays where they are used."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import overload
 
 import numpy as np
@@ -16,9 +16,8 @@ from itree_jax.refinement.hypotheses import turns_about_axes
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
-from itree_jax.refinement.uncertainty import box_middle
 from itree_jax.shown_surface import ShownSurface, shown_surface
-from itree_jax.tree.appearances import mesh_reach, reach_of, window_camera
+from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
 from itree_jax.tree.dome import dome
@@ -42,7 +41,6 @@ class Prepared:
     classification: ClassificationArrays
     determination: DeterminationArrays
     pitch: float  # of feature windows [mm]
-    feature_reach: float  # of the part from the origin that the tree was compiled about [mm]
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
@@ -85,16 +83,14 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     """Builds the ray mesh and puts the tree's arrays where they are used; of a forest, of all its trees."""
     if isinstance(tree, Forest):
         return PreparedForest(tuple(prepare(one) for one in tree.trees), tree.root)
-    feature_reach = reach_of(tree.part.vertices)
-    middle = box_middle(tree.part.vertices)
-    part = replace(tree.part, vertices=np.asarray(tree.part.vertices, float) - middle)
+    middle, part = tree.part.middle, tree.part.about_middle()
     symmetries = tree.symmetries.about(middle)
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     surface = padded_surface(smooth_surface(mesh))
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter, surface)
     return Prepared(
         tree, middle, model, symmetries, classification_arrays(tree), determination_arrays(tree),
-        window_camera(feature_reach)[1], feature_reach, solid(mesh, part.diameter, part.watertight),
+        window_camera(model.reach)[1], solid(mesh, part.diameter, part.watertight),
         rival_turns(part, symmetries), distinct_attitudes(part, symmetries),
         shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part),
     )

@@ -250,7 +250,7 @@ def interpret(
 ) -> Interpretation:
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, sensor = prepared.tree, sight.sensor
-    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.feature_reach)
+    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.model.reach)
     classification = jax.device_get(classify(features, prepared.classification))
     candidates = determine(
         features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI

@@ -1,6 +1,6 @@
 """The geometrical model of one part: triangles that know their component face."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,6 +26,16 @@ class Part:
     diameter: float  # largest distance between two points of the part [mm]
     watertight: bool
     identifying_faces: tuple[int, ...] | None = None  # faces named by the part file for the shape label, in area order
+
+    @property
+    def middle(self) -> Float[np.ndarray, "3"]:
+        """Of its bounding box [mm]."""
+        X = np.asarray(self.vertices, float)
+        return 0.5 * (X.min(axis=0) + X.max(axis=0))
+
+    def about_middle(self) -> "Part":
+        """The same part with its middle as origin: CAD files have theirs anywhere."""
+        return replace(self, vertices=np.asarray(self.vertices, float) - self.middle)
 
     @property
     def face_count(self) -> int:

@@ -95,7 +95,7 @@ def region_groups(
         return RegionGroups(np.zeros(0, np.int64), np.zeros((0, tree.groups.group_count), bool))
     measured = measure_regions(found, sight.needle, images, sensor, prepared.pitch)
     every = np.arange(found.count)
-    features = features_of(measured, every, found, sensor, BESIDE_REACH * prepared.feature_reach)
+    features = features_of(measured, every, found, sensor, BESIDE_REACH * prepared.model.reach)
     log_probability = classify(features, prepared.classification).group_log_probability
     candidates = determine(features, log_probability, prepared.determination, BY_SHAPE, BY_EGI)
     kept = np.where(tree.groups.pruned, -np.inf, np.asarray(log_probability)[: found.count])

@@ -39,13 +39,8 @@ class RimMotions:
 
 def rim_motions(vertices: Float[np.ndarray, "n 3"], diameter: float, R_cam_obj: Float[np.ndarray, "3 3"]) -> RimMotions:
     """Of a part at its pose; its middle is that of its bounding box."""
-    return RimMotions(diameter, R_cam_obj @ box_middle(vertices))
-
-
-def box_middle(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
-    """Of the bounding box [mm]."""
     X = np.asarray(vertices, float)
-    return 0.5 * (X.min(axis=0) + X.max(axis=0))
+    return RimMotions(diameter, R_cam_obj @ (0.5 * (X.min(axis=0) + X.max(axis=0))))
 
 
 @dataclass(frozen=True)

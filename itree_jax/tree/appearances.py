@@ -201,12 +201,7 @@ def face_areas(shapes: ApparentShapes, mesh: RayMesh, pitch: float) -> Float[np.
 
 def mesh_reach(mesh: RayMesh) -> float:
     """Largest distance of a vertex from the part's origin [mm]."""
-    return reach_of(mesh.vertices)
-
-
-def reach_of(vertices: Float[np.ndarray, "n 3"]) -> float:
-    """Largest distance of a vertex from the origin [mm]."""
-    return float(np.linalg.norm(np.asarray(vertices, np.float32), axis=1).max())
+    return float(np.linalg.norm(mesh.vertices, axis=1).max())
 
 
 class PixelMaps(NamedTuple):

@@ -71,7 +71,7 @@ def cast_views(
     views_at_once = max(1, PIXELS_AT_ONCE // (camera.width * camera.height))
     for first in range(0, len(R_cam_obj), views_at_once):
         R = np.asarray(R_cam_obj[first : first + views_at_once])
-        t = -R @ _middle(part) + np.array([0.0, 0.0, part.diameter])
+        t = -R @ part.middle + np.array([0.0, 0.0, part.diameter])
         yield cast_apparent_shapes(mesh, R, t, camera, sensor.light_directions, sensor.slant_limit)
 
 
@@ -97,9 +97,5 @@ def section_direction(mask: Bool[np.ndarray, "h w"]) -> float:
     return 0.5 * float(np.arctan2(2.0 * xy, xx - yy))
 
 
-def _middle(part: Part) -> Float[np.ndarray, "3"]:
-    return 0.5 * (part.vertices.min(axis=0) + part.vertices.max(axis=0))
-
-
 def _reach(part: Part) -> float:
-    return float(np.linalg.norm(part.vertices - _middle(part), axis=1).max())
+    return float(np.linalg.norm(part.vertices - part.middle, axis=1).max())

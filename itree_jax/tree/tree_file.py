@@ -26,7 +26,8 @@ from itree_jax.tree.packing import Arrays, pack, unpack
 from itree_jax.tree.tree import InterpretationTree
 
 FORMAT = "itree-jax interpretation tree"
-FORMAT_VERSION = 2  # raised when a reader of one version would misread files of the other; 2: windows of a few sizes
+# Raised when a reader of one version would misread files of the other; 3: windows about the middle of the part.
+FORMAT_VERSION = 3
 HEADER, HEADER_SUM = "header.json", "header.sha256"
 FIRST_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the time of writing must not change the bytes
 ZIP_MAGIC = b"PK\x03\x04"

@@ -210,7 +210,7 @@ def test_another_version_is_refused_with_what_to_do(content, load_bytes):
         load_bytes(rewritten(content, newer, fix_sums=True))
     for version in (0, 1):
         older = with_header(lambda header, v=version: header.update(version=v, producer="itree-jax 0.1"))
-        match = rf"version {version}, written by itree-jax 0\.1; this program reads version 2\. Compile the part again"
+        match = rf"version {version}, written by itree-jax 0\.1; this program reads version 3\. Compile the part again"
         with pytest.raises(ItreeError, match=match):
             load_bytes(rewritten(content, older, fix_sums=True))
 
