@@ -43,7 +43,7 @@ class Verdict(NamedTuple):
     hidden: Float[np.ndarray, "*h"]  # something is nearer
     contour_found: Float[np.ndarray, "*h"]  # contour points outside of which the surface ends
     contour_missed: Float[np.ndarray, "*h"]  # contour points outside of which it goes on as if there were no contour
-    contour_flush: Float[np.ndarray, "*h"]  # of these, where the face itself goes on: its plane, its needle
+    contour_flush: Float[np.ndarray, "*h"]  # of these, where the face itself goes on: in its plane
 
 
 def verify(

@@ -98,7 +98,7 @@ def goes_on_flush(
     outer_uv: wp.vec2,
 ) -> bool:
     """Whether the face at window pixel (i, j), which its pose ends here, is seen to go on at `outer_uv` [px]: on the
-    face's own plane, with its needle. (down, right) is the step to the next window pixel inside.
+    face's own plane, with its needle where there is one. (down, right) is the step to the next window pixel inside.
     """
     row = int(wp.rint(outer_uv[1]))
     column = int(wp.rint(outer_uv[0]))
@@ -108,12 +108,15 @@ def goes_on_flush(
     j_in = j + right
     if i_in < 0 or i_in >= depth.shape[1] or j_in < 0 or j_in >= depth.shape[2]:
         return False
-    if triangle[h, i, j] < 0 or triangle[h, i_in, j_in] < 0 or maps.needle_weight[row, column] <= 0.0:
+    if triangle[h, i, j] < 0 or triangle[h, i_in, j_in] < 0:
         return False
     normal = R * normal_obj[triangle[h, i, j]]
     if wp.dot(R * normal_obj[triangle[h, i_in, j_in]], normal) < limits.needle_cosine:
         return False
-    if wp.dot(maps.normals[row, column], normal) < limits.needle_cosine:
+    if maps.needle_weight[row, column] > 0.0:
+        if wp.dot(maps.normals[row, column], normal) < limits.needle_cosine:
+            return False
+    elif limits.edge > 0.0:  # depth of two cameras is not known there
         return False
     beyond = wp.abs(float(column) - origin_uv[0] - stride * float(j))
     if down != 0:

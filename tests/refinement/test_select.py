@@ -49,6 +49,14 @@ def chosen(one: Judged, collide=lambda a, b: False):
     return select_jointly([one], IMAGE, collide, PLAIN)[0]
 
 
+def test_a_pose_across_whose_contour_the_surface_goes_on_is_no_answer():
+    """However likely: it is a piece of something larger. A little may be flush by chance."""
+    found = chosen(judged([block()], [GOOD], contour=0.7, flush=0.3))
+    assert found.accepted.tolist() == []
+    assert found.reason == ("the surface goes on across the pose's contour",)
+    assert chosen(judged([block()], [GOOD], contour=0.7, flush=0.05)).accepted.tolist() == [0]
+
+
 @pytest.mark.parametrize("order", [(GOOD, FAIR), (FAIR, GOOD)])
 def test_the_likelier_pose_of_one_place_is_accepted(order):
     found = chosen(judged([block(), block()], order))
