@@ -29,7 +29,7 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
 
     def verify(poses, model, observed, *_):
         verified.append(observed)
-        return Verdict(*np.ones((7, 1))), None, 1
+        return Verdict(*np.ones((8, 1))), None, 1
 
     monkeypatch.setattr(narrowing, "refine", refine)
     monkeypatch.setattr(narrowing, "verify", verify)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 SYMMETRY_STEP = 0.01  # of the diameter: how far a point may lie from its copy at the nearest step, as in BOP
+FARTHEST = 1e6  # [mm] of what a symmetry moves or turns about: beyond a kilometre it is another unit
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,10 @@ def _listed(info: Mapping[str, Any], key: str) -> list[Any]:
 
 def _matrix(values: Any) -> Float[np.ndarray, "4 4"]:
     T = as_numbers(values, "models_info.json: a discrete symmetry")
-    if T.size != 16 or not np.isfinite(T).all():
-        raise ItreeError(f"models_info.json: a discrete symmetry has {T.size} numbers; 16 finite are needed (4x4).")
+    if T.size != 16 or not np.all(np.abs(T) < FARTHEST):
+        raise ItreeError(
+            f"models_info.json: a discrete symmetry has {T.size} numbers; 16 are needed (4x4, [mm]), none beyond 1e6."
+        )
     return T.reshape(4, 4)
 
 
@@ -65,7 +68,12 @@ def _axis(entry: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
         raise ItreeError(f"models_info.json: a continuous symmetry lacks {missing}.") from None
     except TypeError:
         raise ItreeError(f"models_info.json: a continuous symmetry is {entry!r:.60}, not an object.") from None
-    length = np.linalg.norm(axis)
-    if axis.shape != (3,) or offset.shape != (3,) or not (length > 0 and np.isfinite([length, *offset]).all()):
-        raise ItreeError("models_info.json: a continuous symmetry needs axis (not 0) and offset, 3 numbers each.")
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(axis)
+    near = np.all(np.abs(offset) < FARTHEST)
+    if axis.shape != (3,) or offset.shape != (3,) or not (0 < length < np.inf and near):
+        raise ItreeError(
+            "models_info.json: a continuous symmetry needs axis (not 0) and offset (mm, within a kilometre), 3 numbers "
+            "each."
+        )
     return axis / length, offset

@@ -73,6 +73,12 @@ def contour_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
     return verdict.contour_found / (verdict.contour_found + verdict.contour_missed + doubt)
 
 
+def flush_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
+    """Share of the visible contour across which the face that should end there goes on in its own plane."""
+    points = verdict.contour_found + verdict.contour_missed
+    return verdict.contour_flush / np.maximum(points, 1.0)
+
+
 def best_of_each_region(
     score: Float[np.ndarray, "hypotheses"], hypotheses: RegionHypotheses, most: int, symmetries: Symmetries,
     diameter: float, nearly: float = NEARLY_SAME,

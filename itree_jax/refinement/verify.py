@@ -43,6 +43,7 @@ class Verdict(NamedTuple):
     hidden: Float[np.ndarray, "*h"]  # something is nearer
     contour_found: Float[np.ndarray, "*h"]  # contour points outside of which the surface ends
     contour_missed: Float[np.ndarray, "*h"]  # contour points outside of which it goes on as if there were no contour
+    contour_flush: Float[np.ndarray, "*h"]  # of these, where the face itself goes on: in its plane
 
 
 def verify(
@@ -66,7 +67,7 @@ def verify(
 def _counts_in(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, by: SeenBy, tolerances: Tolerances,
     size: int, stride: int, jump: float | None,
-) -> tuple[Float[np.ndarray, "h 7"], Float[np.ndarray, "h 2"]]:
+) -> tuple[Float[np.ndarray, "h 8"], Float[np.ndarray, "h 2"]]:
     limits = limits_of(*(float(v) for v in tolerances))
     counts = row_counts(len(t), size, model.mesh.device)
 

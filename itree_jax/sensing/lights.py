@@ -75,7 +75,8 @@ def checked_lights(directions: object, intensities: object, where: str) -> tuple
     see), directions in one plane through the scene or twice the same (normals could not be solved for).
     """
     L, e = _as_arrays(directions, intensities, where)
-    norms = np.linalg.norm(L, axis=1)
+    with np.errstate(over="ignore"):  # an infinite norm is refused like any other
+        norms = np.linalg.norm(L, axis=1)
     for i, (light, norm) in enumerate(zip(L, norms, strict=True)):
         if not abs(norm - 1.0) < UNIT_TOLERANCE:
             raise ItreeError(f"{where}: light direction {i} must be a unit vector, its norm is {norm:.6g}")

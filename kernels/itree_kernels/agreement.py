@@ -19,8 +19,8 @@ CONTOUR_STEP = wp.constant(2.5)  # [px] how far outside of its contour a pose is
 STEEPEST = wp.constant(0.2)  # cosine of the slant beyond which nothing is detectable
 FAR = wp.constant(1.0e30)
 
-COUNTS = 7
-counts7 = wp.types.vector(length=7, dtype=wp.float32)
+COUNTS = 8
+counts8 = wp.types.vector(length=8, dtype=wp.float32)
 
 
 @wp.struct
@@ -80,6 +80,51 @@ def hit_depth(depth: wp.array3d(dtype=float), triangle: wp.array3d(dtype=int), h
     return wp.where(triangle[h, i, j] >= 0, depth[h, i, j], FAR)
 
 
+@wp.func
+def goes_on_flush(
+    R: wp.mat33,
+    origin_uv: wp.vec2,
+    depth: wp.array3d(dtype=float),
+    triangle: wp.array3d(dtype=int),
+    normal_obj: wp.array(dtype=wp.vec3),
+    maps: SceneMaps,
+    stride: float,
+    limits: Limits,
+    h: int,
+    i: int,
+    j: int,
+    down: int,
+    right: int,
+    outer_uv: wp.vec2,
+) -> bool:
+    """Whether the face at window pixel (i, j), which its pose ends here, is seen to go on at `outer_uv` [px]: on the
+    face's own plane, with its needle where there is one. (down, right) is the step to the next window pixel inside.
+    """
+    row = int(wp.rint(outer_uv[1]))
+    column = int(wp.rint(outer_uv[0]))
+    if row < 0 or row >= maps.depth.shape[0] or column < 0 or column >= maps.depth.shape[1]:
+        return False
+    i_in = i + down
+    j_in = j + right
+    if i_in < 0 or i_in >= depth.shape[1] or j_in < 0 or j_in >= depth.shape[2]:
+        return False
+    if triangle[h, i, j] < 0 or triangle[h, i_in, j_in] < 0:
+        return False
+    normal = R * normal_obj[triangle[h, i, j]]
+    if wp.dot(R * normal_obj[triangle[h, i_in, j_in]], normal) < limits.needle_cosine:
+        return False
+    if maps.needle_weight[row, column] > 0.0:
+        if wp.dot(maps.normals[row, column], normal) < limits.needle_cosine:
+            return False
+    elif limits.edge > 0.0:  # depth of two cameras is not known there
+        return False
+    beyond = wp.abs(float(column) - origin_uv[0] - stride * float(j))
+    if down != 0:
+        beyond = wp.abs(float(row) - origin_uv[1] - stride * float(i))
+    z = depth[h, i, j] + (depth[h, i, j] - depth[h, i_in, j_in]) * beyond / stride
+    return wp.abs(maps.depth[row, column] - z) * wp.max(wp.abs(normal[2]), STEEPEST) < limits.depth
+
+
 @wp.kernel(enable_backward=False)
 def agreement_kernel(
     # In:
@@ -96,7 +141,7 @@ def agreement_kernel(
     limits: Limits,
     first: int,
     # Out:
-    counts: wp.array(dtype=counts7, ndim=2),
+    counts: wp.array(dtype=counts8, ndim=2),
 ):
     k, i = wp.tid()
     h = first + k
@@ -149,6 +194,7 @@ def agreement_kernel(
 
     found = wp.float32(0.0)
     missed = wp.float32(0.0)
+    flush = wp.float32(0.0)
     if contour_depth.shape[2] > 0:
         for side in range(2):
             for m in range(size):
@@ -176,10 +222,18 @@ def agreement_kernel(
                             found += 1.0
                         else:
                             missed += 1.0
+                            inward = wp.where(toward > 0.0, -1, 1)
+                            i_rim = wp.where(toward > 0.0, i, i + side)
+                            j_rim = wp.where(toward > 0.0, j, j + 1 - side)
+                            if goes_on_flush(
+                                R, origin_uv[h], depth, triangle, normal_obj, maps, stride, limits, h, i_rim, j_rim,
+                                inward * side, inward * (1 - side), uv + shift,
+                            ):
+                                flush += 1.0
                 elif limits.edge > 0.0:
                     found += wp.where(at_edge, BLIND, 0.0)
                     missed += wp.where(at_edge, 0.0, BLIND)
-    counts[h, i] = counts7(agreeing, closeness, needles_agreeing, contradicting, hidden, found, missed)
+    counts[h, i] = counts8(agreeing, closeness, needles_agreeing, contradicting, hidden, found, missed, flush)
 
 
 def limits_of(depth: float, needle: float, jump: float, edge: float):
@@ -191,7 +245,7 @@ def limits_of(depth: float, needle: float, jump: float, edge: float):
 
 def row_counts(count: int, size: int, device: str) -> wp.array:
     """Room for the counts of every row of every window."""
-    return wp.empty((count, size), dtype=counts7, device=device)
+    return wp.empty((count, size), dtype=counts8, device=device)
 
 
 def count_rows(
@@ -209,6 +263,6 @@ def count_rows(
     )  # fmt: skip
 
 
-def summed(counts: wp.array) -> Float[np.ndarray, "h 7"]:
+def summed(counts: wp.array) -> Float[np.ndarray, "h 8"]:
     """Counts of whole windows."""
     return counts.numpy().sum(axis=1)

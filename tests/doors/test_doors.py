@@ -105,6 +105,7 @@ def test_lights_of_entries(entry, distance):
 
 @common
 @given(any_array, st.one_of(st.none(), any_array))
+@example(np.full((3, 3), 1e154), None)
 def test_lights_of_arrays(directions, intensities):
     found = answered(checked_lights, directions, intensities, "x")
     if found is not None:
@@ -175,6 +176,9 @@ def test_part_files(data):
 
 @common
 @given(st.dictionaries(st.sampled_from(["symmetries_discrete", "symmetries_continuous"]), json_value))
+@example({"symmetries_continuous": [{"axis": [0.0, 0.0, 1e200], "offset": [0.0, 0.0, 0.0]}]})
+@example({"symmetries_continuous": [{"axis": [1.0, 1.0, 1.0], "offset": [1.7e308, 1.7e308, 0.0]}]})
+@example({"symmetries_discrete": [[1e300] * 16, [1e300] * 16]})
 def test_symmetries(info):
     answered(symmetry_set, info)
 

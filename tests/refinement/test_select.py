@@ -21,7 +21,7 @@ PLAIN = SCORINGS["depth"]
 GOOD, FAIR, BAD = 8.0, 6.0, -4.0  # nats of a pixel
 
 
-def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1.0) -> Judged:
+def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1.0, flush=0.0) -> Judged:
     """Hypotheses that explain the pixels of a mask, all by so many nats."""
     masks = np.asarray(masks, bool)
     count = len(masks)
@@ -31,7 +31,7 @@ def judged(masks, nats, origin=None, stride=2, hidden=None, near=None, contour=1
     found = np.full(count, contour * 400.0)
     verdict = Verdict(
         agreeing, 0.8 * agreeing, 0.6 * agreeing, np.zeros(count), hidden.sum(axis=(1, 2)).astype(float), found,
-        400.0 - found,
+        400.0 - found, np.full(count, flush * 400.0),
     )  # fmt: skip
     origin = np.zeros((count, 2)) if origin is None else np.asarray(origin, float)
     support = Support(pixels, 0.0 * pixels, hidden, agreeing, np.zeros(count), origin, stride)
@@ -47,6 +47,14 @@ def block(rows=slice(None), columns=slice(None)):
 
 def chosen(one: Judged, collide=lambda a, b: False):
     return select_jointly([one], IMAGE, collide, PLAIN)[0]
+
+
+def test_a_pose_across_whose_contour_the_surface_goes_on_is_no_answer():
+    """However likely: it is a piece of something larger. A little may be flush by chance."""
+    found = chosen(judged([block()], [GOOD], contour=0.7, flush=0.3))
+    assert found.accepted.tolist() == []
+    assert found.reason == ("the surface goes on across the pose's contour",)
+    assert chosen(judged([block()], [GOOD], contour=0.7, flush=0.05)).accepted.tolist() == [0]
 
 
 @pytest.mark.parametrize("order", [(GOOD, FAIR), (FAIR, GOOD)])

@@ -143,6 +143,27 @@ def test_a_contour_in_the_middle_of_a_surface_is_missed():
     assert found.contour_missed[0] == 0
     assert missed.contour_missed[0] == found.contour_found[0]
     assert missed.contour_found[0] == 0
+    assert missed.contour_flush[0] == missed.contour_missed[0]
+
+
+def test_a_small_step_outside_of_a_contour_is_no_surface_that_goes_on():
+    """Too low for an edge of its own, but more than the depth's tolerance: the contour is missed, not contradicted."""
+    model = model_of(box_part(40.0, 30.0, 10.0))
+    t = np.array([0.0, 0.0, DISTANCE + 5.0])
+    step = 0.5 * (float(TOLERANCES.depth) + 0.5 * float(TOLERANCES.jump))
+    assert float(TOLERANCES.depth) < step < 0.5 * float(TOLERANCES.jump)
+    low, _, _ = judged(model, seen(model, FACING, t, [plane(DISTANCE + step)]).maps, (FACING, t))
+    assert low.contour_missed[0] > 100
+    assert low.contour_flush[0] == 0
+
+
+def test_a_tilted_face_goes_on_in_its_own_plane():
+    """A face that slants by 40 degrees, in a larger plate of the same slant."""
+    tilt = Rotation.from_rotvec([np.radians(40.0), 0.0, 0.0]).as_matrix()
+    part, plate = box_part(40.0, 30.0, 10.0), box_part(90.0, 80.0, 10.0)
+    model, t = model_of(part), np.array([0.0, 0.0, DISTANCE])
+    verdict, _, _ = judged(model, seen(model_of(plate), tilt @ FACING, t).maps, (tilt @ FACING, t))
+    assert verdict.contour_flush[0] > 0.5 * (verdict.contour_found[0] + verdict.contour_missed[0])
 
 
 def test_a_hidden_contour_says_nothing():
