@@ -14,8 +14,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.cli.runtime import start_jax
+from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.results import write_bop_csv
 from itree_jax.sensing.scene_folder import scene_folders
