@@ -7,7 +7,8 @@ Every scene is recognised; all poses that no better one excludes are kept, howev
 (`refinement.scoring.Measures`) and whether they are right (MSSD under 5 % of the diameter). A logistic model, with the
 signs that doubt must have, is fitted to them. Its table comes from models that were each fitted without the part that
 they are held against. A last table says whether new weights are worth it: fitted to the scenes of odd number, beside
-those in force, both on the scenes of even number. Rows of an earlier run in --out are kept: only scenes that lack are recognised.
+those in force, both on the scenes of even number. Rows of an earlier run in --out are kept: only scenes that lack are
+recognised.
 """
 
 import argparse
@@ -192,7 +193,7 @@ def of_terms(X: Float[np.ndarray, "answers terms"], model: Scoring) -> Float[np.
 def scored(rows: Sequence[Rows], score: Float[np.ndarray, "answers"]) -> ScoredAnswers:
     """Answers find their instances by falling score, as in `evaluate`."""
     of_scene = np.split(score, np.cumsum([len(r.terms) for r in rows])[:-1])
-    found: list[Int[np.ndarray, "answers"]] = [match(r.error, s, STRICT) for r, s in zip(rows, of_scene, strict=True)]
+    found: list[Int[np.ndarray, answers]] = [match(r.error, s, STRICT) for r, s in zip(rows, of_scene, strict=True)]
     visible = [np.append(r.visible >= VISIBLE, False) for r in rows]
     return ScoredAnswers(
         score, np.concatenate([f >= 0 for f in found]),
