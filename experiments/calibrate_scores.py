@@ -6,7 +6,9 @@
 Every scene is recognised; all poses that no better one excludes are kept, however improbable, with their measures
 (`refinement.scoring.Measures`) and whether they are right (MSSD under 5 % of the diameter). A logistic model, with the
 signs that doubt must have, is fitted to them. Its table comes from models that were each fitted without the part that
-they are held against. Rows of an earlier run in --out are kept: only scenes that lack are recognised.
+they are held against. A last table says whether new weights are worth it: fitted to the scenes of odd number, beside
+those in force, both on the scenes of even number. Rows of an earlier run in --out are kept: only scenes that lack are
+recognised.
 """
 
 import argparse
@@ -20,6 +22,7 @@ import numpy as np
 from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import scenes_of_parts, tree_of
 from jaxtyping import Bool, Float, Int
+from quality.comparison import markdown_table
 from quality.reliability_tables import reliability_report
 from scipy.optimize import minimize
 from scipy.special import expit
@@ -39,6 +42,7 @@ from itree_jax.tree.tree_file import load_tree
 RIDGE = 3e-3  # on standardised weights: some hundreds of answers for nine terms
 LEAST_SPREAD = 0.1  # of a term: what hardly changes from answer to answer gets no large weight
 SUREST = 1.0 - 1e-6  # share that still lets an answer be wrong
+FROM = (0.5, 0.65, 0.8, 0.9)  # scores from which on two models are compared
 PRECISION = 0.99  # of the answers together, on bins of our own renderer: others are less alike
 
 
@@ -54,6 +58,7 @@ class Config:
 class Rows(NamedTuple):
     """The answers of one scene, however improbable, and its instances."""
 
+    scene_id: int
     part: int
     terms: Float[np.ndarray, "answers terms"]
     share: Float[np.ndarray, "answers"]  # of belief beside the best rival
@@ -66,9 +71,7 @@ def main(config: Config) -> None:
     config.out.mkdir(parents=True, exist_ok=True)
     rows = rows_of_bins(config)
     part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
-    X = np.concatenate([r.terms for r in rows])
-    shares = np.concatenate([r.share for r in rows])
-    right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
+    X, shares, right = poses_of(rows)
     held_out = np.zeros(len(right))
     for one in np.unique(part):
         model = fitted(X[part != one], shares[part != one], right[part != one])
@@ -79,6 +82,7 @@ def main(config: Config) -> None:
     model = fitted(X, shares, right)._replace(least=least)
     weights = ", ".join(f"{w:.3f}" for w in model.weights)
     print(f"{len(right)} poses of {len(rows)} scenes, {right.mean():.0%} right. Terms: {', '.join(SIGNS)}")
+    print(both_models(rows, SCORINGS[kind_of(config.depth)]))
     print(f'"{kind_of(config.depth)}": Scoring(({weights}), {model.bias:.3f}, {least:.2f}),')
 
 
@@ -102,9 +106,9 @@ def rows_of_bins(config: Config) -> list[Rows]:
                     prepared[lights] = prepare(load_tree(tree_of(evaluation, obj_id, lights, folder)))
                 truth = truths[int(folder.name)]
                 rows = rows_of_scene(folder, prepared[lights], config.depth, obj_id, truth, models[obj_id])
-                kept.write_bytes(pickle.dumps(tuple(rows)))
+                kept.write_bytes(pickle.dumps(tuple(rows)[1:]))
                 print(folder.name, len(rows.terms), flush=True)
-            found.append(Rows(*pickle.loads(kept.read_bytes())))
+            found.append(Rows(int(folder.name), *pickle.loads(kept.read_bytes())))
     return found
 
 
@@ -125,7 +129,39 @@ def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, tru
     found = Pose(np.concatenate(R)[:, None], np.concatenate(t)[:, None])
     true = Pose(truth.pose.R[None], truth.pose.t[None])
     error = mssd(found, true, model.hull, model.symmetries) / model.diameter
-    return Rows(obj_id, np.concatenate(X), np.concatenate(shares), error, truth.visible)
+    return Rows(truth.scene_id, obj_id, np.concatenate(X), np.concatenate(shares), error, truth.visible)
+
+
+def poses_of(
+    rows: Sequence[Rows],
+) -> tuple[Float[np.ndarray, "answers terms"], Float[np.ndarray, "answers"], Bool[np.ndarray, "answers"]]:
+    """The terms and shares of all answers, and which are right."""
+    right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
+    return np.concatenate([r.terms for r in rows]), np.concatenate([r.share for r in rows]), right
+
+
+def both_models(rows: Sequence[Rows], in_force: Scoring) -> str:
+    """The weights in force beside those fitted to the scenes of odd number, held against the scenes of even number."""
+    odd, even = ([r for r in rows if r.scene_id % 2 == rest] for rest in (1, 0))
+    if not odd or not even:
+        return "Weights in force and fitted ones are compared where there are scenes of odd and of even number."
+    models = {"in force": in_force, "fitted to odd scenes": fitted(*poses_of(odd))}
+    lines = [[name, *held_against(even, model)] for name, model in models.items()]
+    heads = ["weights", "scenes", "poses", "Brier score", *(f"precision, recall from {p:.2f}" for p in FROM)]
+    return markdown_table(heads, lines)
+
+
+def held_against(rows: Sequence[Rows], model: Scoring) -> list[str]:
+    """Of one model: how many scenes and poses, the Brier score, precision and recall from some scores on."""
+    X, shares, right = poses_of(rows)
+    score = of_terms(X, model) * shares
+    answers = scored(rows, score)
+    cells = []
+    for least in FROM:
+        taken = answers.score >= least
+        found = f"{answers.found_visible[taken].sum() / max(answers.visible, 1):.0%}"
+        cells.append(f"{answers.right[taken].mean():.0%}, {found}" if taken.any() else "-, 0%")
+    return [str(len(rows)), str(len(right)), f"{np.mean((score - right) ** 2):.4f}", *cells]
 
 
 def fitted(

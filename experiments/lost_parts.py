@@ -17,13 +17,15 @@ from unittest.mock import patch
 import numpy as np
 from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import scenes_of_parts, tree_of
-from hypothesis_ranks import REACHED, errors
+from hypothesis_ranks import REACHED
 from jaxtyping import Float, Int
 from quality.comparison import markdown_table
+from quality.near_poses import errors_below
 
 from itree_jax import recognition
 from itree_jax.answers import Interpretation, pose_matrix
 from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
+from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.score import STRICT, VISIBLE
 from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
 from itree_jax.prepared import Prepared, prepare, prepare_forest
@@ -107,8 +109,8 @@ def fates(
     for found in {id(a.found): a.found for a in answers}.values():
         owned += [bool((most_of(found.labels, instance) == k).any()) for k in range(len(owned))]
     nothing = np.full((1, len(owned)), np.inf)
-    begun = np.concatenate([nothing, *(errors(s, prepared, truth, model) for s in starts)]).min(axis=0)
-    ended = [errors(a.hypotheses, prepared, truth, model) for a in answers]
+    begun = np.concatenate([nothing, *(near_errors(s, prepared, truth, model) for s in starts)]).min(axis=0)
+    ended = [near_errors(a.hypotheses, prepared, truth, model) for a in answers]
     score = np.concatenate([a.selection.score for a in answers]) if answers else np.zeros(0)
     reason = [r for a in answers for r in a.selection.reason]
     error = np.concatenate(ended) if ended else np.zeros((0, len(owned)))
@@ -130,6 +132,14 @@ def fates(
         why = reason[best] if step == UNSELECTED else ""
         result.append(Fate(truth.scene_id, int(k), step, why, float(score[best]) if best >= 0 else 0.0))
     return result
+
+
+def near_errors(
+    hypotheses: RegionHypotheses, prepared: Prepared, truth: SceneTruth, model: Model
+) -> Float[np.ndarray, "hypotheses instances"]:
+    """MSSD over the diameter, infinity where refinement surely can't reach the part."""
+    poses = Pose(*prepared.of_object(hypotheses.poses))
+    return errors_below(poses, truth.pose, model, REACHED * model.diameter) / model.diameter
 
 
 def true_instances(prepared: Prepared, truth: SceneTruth, sight: Sight) -> Int[np.ndarray, "height width"]:
