@@ -18,13 +18,13 @@ from itree_jax.refinement.hypotheses import (
 )
 from itree_jax.refinement.optimise import Hypotheses, refine
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
-from itree_jax.refinement.schedule import Round, Schedule
+from itree_jax.refinement.schedule import Schedule
 from itree_jax.refinement.select import Judged, together
 from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
-MOST_AS_THEY_ARE = 3  # turned poses that are looked at closer without being moved
+MOST_AS_THEY_ARE = 4  # turned poses that are looked at closer without being moved: a plain block has three
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 
 
@@ -47,7 +47,7 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared, plan = answer.prepared, plan_of(answer, sight)
     poses = answer.hypotheses.take(new)
     turned = challengers(poses._replace(region=np.arange(len(new))), prepared, sight, plan)
-    turned = turned._replace(region=poses.region[turned.region], challenged=np.ones(len(turned.region), bool))
+    turned = turned._replace(region=poses.region[turned.region], challenged=np.zeros(len(turned.region), bool))
     met = answer.hypotheses.challenged.copy()
     met[new] = True
     first = replace(answer, hypotheses=answer.hypotheses._replace(challenged=met))
@@ -65,22 +65,24 @@ def challengers(
     turned = turned_about_axes(accepted, prepared.turns)
     moved = shown_at(accepted, turned, prepared, sight.sensor, plan.turned[0].stage.size)
     moved = narrow(moved, prepared, sight, plan.turned[:-1], plan)
-    closest = turned.take(best_as_they_are(turned, prepared, sight, plan.turned[0], plan, MOST_AS_THEY_ARE))
-    closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan)
+    closest = turned.take(best_as_they_are(turned, prepared, sight, plan))
+    closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan, [MOST_AS_THEY_ARE])
     both = others_than(accepted, joined(moved, closest), prepared)
-    return narrow(both, prepared, sight, plan.turned[-1:], plan) if len(both.region) else both
+    return narrow(both, prepared, sight, plan.turned[-1:], plan, [MOST_AS_THEY_ARE]) if len(both.region) else both
 
 
 def best_as_they_are(
-    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, step: Round, plan: Schedule, most: int
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> Int[np.ndarray, "kept"]:
-    """Indices of the `most` of every region that agree best without any refinement."""
+    """Indices of the `MOST_AS_THEY_ARE` of every region that agree best without any refinement, fine enough to see the
+    small feature that tells them apart.
+    """
     verdict, _, _ = verify(
         hypotheses.poses, prepared.model, sight.observed, sight.sensor.camera, plan.turned[-1].tolerances,
-        step.stage.size, plan.jump, sight.others,
+        plan.turned[-2].stage.size, plan.jump, sight.others,
     )
     return best_of_each_region(
-        agreement(verdict), hypotheses, most, prepared.symmetries, prepared.model.diameter
+        agreement(verdict), hypotheses, MOST_AS_THEY_ARE, prepared.symmetries, prepared.model.diameter
     )
 
 
