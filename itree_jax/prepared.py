@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from itree_jax.open_attitudes import distinct_attitudes
 from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.hypotheses import turns_about_axes
+from itree_jax.refinement.nearly_revolved import revolved_axis, turns_about
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
@@ -24,6 +25,8 @@ from itree_jax.tree.dome import dome
 from itree_jax.tree.forest import Forest, compile_forest
 from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
+
+SAME_TURN = 0.03  # of the diameter: turns that differ by less are one
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,19 @@ def largest_view(part: Part) -> float:
 
 
 def rival_turns(part: Part, symmetries: Symmetries) -> Float[np.ndarray, "turns 4 4"]:
-    """Turns about the part's main axes after which it lies otherwise."""
+    """Turns about the part's main axes, and about that of a part which is nearly one of revolution, after which it lies
+    otherwise; each once.
+    """
+    axis = revolved_axis(part)
     turns = turns_about_axes(part.vertices, part.triangles)
-    apart = same_part_distance(
-        turns[:, :3, :3], turns[:, :3, 3], np.eye(3), np.zeros(3), symmetries, part.diameter
-    )
-    return turns[apart > NEARLY_SAME * part.diameter]
+    turns = turns if axis is None or symmetries.continuous else np.concatenate([turns, turns_about(axis)])
+    kept = [np.eye(4)]
+    for turn in turns:
+        R, t = np.array(kept)[:, :3, :3], np.array(kept)[:, :3, 3]
+        apart = same_part_distance(R, t, turn[:3, :3], turn[:3, 3], symmetries, part.diameter)
+        if apart[0] > NEARLY_SAME * part.diameter and apart.min() > SAME_TURN * part.diameter:
+            kept.append(turn)
+    return np.array(kept[1:]).reshape(-1, 4, 4)
 
 
 def prepare_forest(trees: Sequence[InterpretationTree | Prepared]) -> PreparedForest:
