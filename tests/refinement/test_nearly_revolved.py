@@ -1,0 +1,44 @@
+"""Axes of parts that a lathe made and a mill spoilt."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from itree_cad.bundled import bundled_part, part_from_solid
+from itree_cad.csg import box, cylinder
+from itree_cad.part import Part
+from scipy.spatial.transform import Rotation
+
+from itree_jax.refinement.nearly_revolved import STEPS, revolved_axis, turns_about
+
+
+def pin() -> Part:
+    """Two cylinders on a line beside the z axis, with a flat on the thinner one."""
+    body = cylinder(16.0, 0.0, 20.0, "foot") + cylinder(9.0, 19.0, 50.0, "shank")
+    return part_from_solid("pin", (body - box((5, -20, 30), (20, 20, 60), "flat")).moved(x=7.0, y=-3.0))
+
+
+@pytest.mark.parametrize("turn", [np.zeros(3), np.array([0.4, -1.1, 0.3])])
+def test_the_axis_is_found_wherever_the_part_lies(turn):
+    R = Rotation.from_rotvec(turn).as_matrix()
+    part = pin()
+    direction, point = revolved_axis(replace(part, vertices=np.asarray(part.vertices) @ R.T)) or pytest.fail("none")
+    assert abs(direction @ R[:, 2]) == pytest.approx(1.0, abs=1e-4)
+    off = point - R @ [7.0, -3.0, 0.0]
+    assert np.linalg.norm(off - (off @ direction) * direction) < 0.3
+
+
+@pytest.mark.parametrize("name", ["ikeuchi-1987", "bracket", "clevis", "plate"])
+def test_a_part_with_bores_is_not_of_revolution(name):
+    assert revolved_axis(bundled_part(name)) is None
+
+
+def test_turns_go_all_around_and_leave_the_axis_where_it_is():
+    axis, point = np.array([0.0, 0.6, 0.8]), np.array([3.0, 5.0, -2.0])
+    turns = turns_about((axis, point))
+    assert turns.shape == (STEPS - 1, 4, 4)
+    for along in (-10.0, 30.0):
+        X = np.append(point + along * axis, 1.0)
+        np.testing.assert_allclose(turns @ X, np.tile(X, (len(turns), 1)), atol=1e-9)
+    angle = np.degrees([Rotation.from_matrix(T[:3, :3]).magnitude() for T in turns])
+    np.testing.assert_allclose(np.sort(angle)[:2], 360.0 / STEPS)
