@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import contour_share, flush_share
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability
+from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability, share
 from itree_jax.refinement.verify import Verdict
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
@@ -23,6 +23,7 @@ NO_RIVAL = 500.0  # [nats]: who is beaten by more has no share that a float can 
 # Share of a pose's contour across which its own face may go on. What lies beside a part lies anywhere within its
 # diameter: with 0.3 mm of noise and a part of 60 mm it is in the face's plane, to the tolerance, at 5 % by chance.
 MOST_FLUSH = 0.1
+LEAST_SHARE = 0.1  # of the belief in its place: a pose that is beaten by more than nine to one is no answer
 ROUNDS = 3  # of selecting again without the poses that the others made unlikely
 
 
@@ -114,11 +115,14 @@ def select_jointly(
     explained = cache(lambda part, h: _pixels(judged[part].support, h, image_shape))
     for _ in range(ROUNDS):
         accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out, ratio, explained)
-        rivals = {key: _rivals(key, accepted, judged, share_space, ratio) for key in accepted}
+        rivals = {key: _rivals(key, accepted, judged, share_space, ratio, out) for key in accepted}
         final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
-        improbable = [key for key in accepted if of_place(final[key], scoring) < scoring.least]
+        improbable = [
+            key for key in accepted
+            if of_place(final[key], scoring) < scoring.least or share(final[key].margin) < LEAST_SHARE
+        ]
         if not improbable:
             break
         out |= dict.fromkeys(improbable, "it is improbable beside the accepted poses")
@@ -235,14 +239,16 @@ def _in_company(
 
 
 def _rivals(
-    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool], ratio: Ratio
+    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool], ratio: Ratio,
+    out: dict[Key, str],
 ) -> Rivals:
+    """Of an accepted pose: other poses of its place, possible in themselves, that no other answer excludes."""
     part, h = key
     others = [other for other in accepted if other != key]
     margins = {int(k): ratio(part, h, int(k)) for k in np.flatnonzero(judged[part].near[h])}
     found = {
         k: margin for k, margin in margins.items()
-        if margin < NO_RIVAL and not any(share_space((part, k), other) for other in others)
+        if margin < NO_RIVAL and (part, k) not in out and not any(share_space((part, k), other) for other in others)
     }  # fmt: skip
     return np.array(list(found), int), np.array(list(found.values()), float)
 

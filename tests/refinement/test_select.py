@@ -57,6 +57,16 @@ def test_a_pose_across_whose_contour_the_surface_goes_on_is_no_answer():
     assert chosen(judged([block()], [GOOD], contour=0.7, flush=0.05)).accepted.tolist() == [0]
 
 
+def test_what_is_no_answer_takes_no_belief_from_one():
+    """A pose of the same place that is a piece of something larger says nothing against the other one."""
+    near = ~np.eye(2, dtype=bool)
+    two = judged([block(), block()], [FAIR, GOOD], contour=0.7, flush=np.array([0.0, 0.3]), near=near)
+    found = chosen(two)
+    assert found.accepted.tolist() == [0]
+    assert found.score[0] == pytest.approx(chosen(judged([block()], [FAIR], contour=0.7)).score[0])
+    assert found.rivals[0][0].tolist() == []
+
+
 @pytest.mark.parametrize("order", [(GOOD, FAIR), (FAIR, GOOD)])
 def test_the_likelier_pose_of_one_place_is_accepted(order):
     found = chosen(judged([block(), block()], order))
