@@ -72,7 +72,10 @@ def test_a_turned_pose_gives_way_to_the_right_one(prepared, read, k):
     assert turn_between(best(wrong)[0], truth.R_cam_obj) > 15.0
     found = challenged(wrong, sight)
     assert turn_between(best(found)[0], truth.R_cam_obj) < 1.0
-    assert found.hypotheses.challenged.all()
+    assert found.hypotheses.challenged.tolist() == [True] + [False] * (len(found.hypotheses.region) - 1)
+    again = challenged(found, sight)  # who wins a place is challenged in its turn, and stays
+    assert again.hypotheses.challenged[again.selection.accepted].all()
+    assert turn_between(best(again)[0], truth.R_cam_obj) < 1.0
 
 
 def test_whoever_met_its_challengers_is_left_alone(read):

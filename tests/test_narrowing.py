@@ -36,7 +36,7 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
     pose = Hypotheses(np.eye(3, dtype=np.float32)[None], np.zeros((1, 3), np.float32))
     alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), np.zeros(1, bool))
     symmetries = Symmetries(np.eye(4)[None], ())
-    part = SimpleNamespace(model=SimpleNamespace(diameter=80.0), tree=SimpleNamespace(symmetries=symmetries))
+    part = SimpleNamespace(model=SimpleNamespace(diameter=80.0), symmetries=symmetries)
     for rounds in (plan.rounds, plan.turned, plan.rounds[-2:]):
         refined.clear()
         verified.clear()
