@@ -1,4 +1,4 @@
-"""The last word on accepted poses: each is challenged by the poses that it is easily mistaken for, and polished."""
+"""Accepted poses are challenged by those that they are easily mistaken for: turned about the part's main axes."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 
 from itree_jax.answers import Interpretation
-from itree_jax.competition import compete, select
+from itree_jax.competition import select
 from itree_jax.narrowing import judge, narrow, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
@@ -16,7 +16,7 @@ from itree_jax.refinement.hypotheses import (
     joined,
     turned_about_axes,
 )
-from itree_jax.refinement.optimise import Hypotheses, refine
+from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.schedule import Schedule
 from itree_jax.refinement.select import Judged, together
@@ -25,17 +25,6 @@ from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
 MOST_AS_THEY_ARE = 4  # turned poses that are looked at closer without being moved: a plain block has three
-CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
-
-
-def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
-    """Accepted poses that nothing near them beats, at the image's own resolution."""
-    for _ in range(CHALLENGES):
-        more = [challenged(a, sight) for a in answers]
-        if all(new is old for new, old in zip(more, answers, strict=True)):
-            break
-        answers = compete(more, sight)
-    return compete([polished(a, sight) for a in answers], sight)
 
 
 def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
@@ -110,32 +99,6 @@ def shown_at(
     here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
     t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
     return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
-
-
-def polished(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The accepted poses and their rivals, refined once more where the depth map's pixels err independently.
-
-    How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
-    kept where the pose explains the scene better than before.
-    """
-    plan, accepted = plan_of(answer, sight), answer.selection.accepted
-    if plan.last is None or not len(accepted):
-        return answer
-    close = [others for others, _ in answer.selection.rivals]
-    tried = np.unique(np.concatenate([accepted, *close]))
-    before = answer.hypotheses.take(tried)
-    poses = refine(
-        before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
-        plan.jump, sight.others, sight.crease,
-    )
-    after = before._replace(poses=poses)
-    judged = judge(after, answer.prepared, sight, plan)
-    better = np.flatnonzero(judged.log_likelihood > answer.judged.log_likelihood[tried])
-    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[better])
-    rest = replace(
-        answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept),
-    )
-    return with_more(rest, after.take(better), judged.take(better), sight)
 
 
 def with_more(

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from itree_jax.open_attitudes import distinct_attitudes
 from itree_jax.refinement.bending import smooth_surface
 from itree_jax.refinement.hypotheses import turns_about_axes
-from itree_jax.refinement.nearly_revolved import revolved_axis, turns_about
+from itree_jax.refinement.nearly_revolved import Axis, revolved_axis
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
@@ -46,6 +46,7 @@ class Prepared:
     pitch: float  # of feature windows [mm]
     solid: Solid
     turns: Float[np.ndarray, "turns 4 4"]  # about its main axes, model -> model
+    own_axis: Axis | None  # of a part that is nearly one of revolution
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
     shown: ShownSurface  # by each view of the dome
     largest_view: float  # the largest area that it shows, across the line of sight [mm^2], or somewhat more
@@ -94,7 +95,8 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     return Prepared(
         tree, middle, model, symmetries, classification_arrays(tree), determination_arrays(tree),
         window_camera(model.reach)[1], solid(mesh, part.diameter, part.watertight),
-        rival_turns(part, symmetries), distinct_attitudes(part, symmetries),
+        rival_turns(part, symmetries), None if symmetries.continuous else revolved_axis(part),
+        distinct_attitudes(part, symmetries),
         shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part),
     )
 
@@ -110,14 +112,9 @@ def largest_view(part: Part) -> float:
 
 
 def rival_turns(part: Part, symmetries: Symmetries) -> Float[np.ndarray, "turns 4 4"]:
-    """Turns about the part's main axes, and about that of a part which is nearly one of revolution, after which it lies
-    otherwise; each once.
-    """
-    axis = revolved_axis(part)
-    turns = turns_about_axes(part.vertices, part.triangles)
-    turns = turns if axis is None or symmetries.continuous else np.concatenate([turns, turns_about(axis)])
+    """Turns about the part's main axes after which it lies otherwise; each once."""
     kept = [np.eye(4)]
-    for turn in turns:
+    for turn in turns_about_axes(part.vertices, part.triangles):
         R, t = np.array(kept)[:, :3, :3], np.array(kept)[:, :3, 3]
         apart = same_part_distance(R, t, turn[:3, :3], turn[:3, 3], symmetries, part.diameter)
         if apart[0] > NEARLY_SAME * part.diameter and apart.min() > SAME_TURN * part.diameter:

@@ -20,7 +20,7 @@ from itree_jax.backtracking import (
     open_places,
     unread,
 )
-from itree_jax.challenge import challenged, settled
+from itree_jax.challenge import challenged
 from itree_jax.competition import compete, select
 from itree_jax.detections import TOO_DARK, Detections, place_of
 from itree_jax.input_check import check_numbers
@@ -40,6 +40,7 @@ from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
 from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
+from itree_jax.settling import settled
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.batches import on_all_cores

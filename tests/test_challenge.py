@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.challenge import challenged, challengers, others_than, polished, settled, shown_at
+from itree_jax.challenge import challenged, challengers, others_than, shown_at
 from itree_jax.narrowing import judge
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.hypotheses import joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
+from itree_jax.settling import polished, settled
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
 

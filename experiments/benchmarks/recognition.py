@@ -23,7 +23,7 @@ from unittest.mock import patch
 
 import tyro
 
-from itree_jax import challenge, narrowing, recognition
+from itree_jax import challenge, narrowing, own_axis, recognition, settling
 from itree_jax.cli.runtime import start_jax
 from itree_jax.prepared import PreparedForest, prepare_forest
 from itree_jax.results import read_bop_csv
@@ -36,10 +36,10 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "features of regions": ((recognition, "measure_regions"),),
     "tree": ((recognition, "ask_root"), (recognition, "classify"), (recognition, "determine")),
     "placing": ((recognition, "every_attitude"), (recognition, "placed_by_segment"), (challenge, "shown_at")),
-    "refinement": ((narrowing, "refine"), (challenge, "refine")),
+    "refinement": ((narrowing, "refine"), (settling, "refine")),
     "verification": ((narrowing, "verify"),),
-    "likelihood": ((narrowing, "support"),),
-    "selection": ((recognition, "select"), (challenge, "select"), (recognition, "compete"), (challenge, "compete")),
+    "likelihood": ((narrowing, "support"), (own_axis, "support")),
+    "selection": ((recognition, "select"), (challenge, "select"), (recognition, "compete"), (settling, "compete")),
     "what is left over": ((recognition, "left_over"),),
     "deviations, paths": ((recognition, "detections_of"),),
 }

@@ -10,8 +10,6 @@ FLAT_CIRCLE = 0.02  # the normals of a cylinder or cone lie on a circle, to this
 ON_AXIS = 0.01  # of the diameter: normals meet the axis, to this
 ALONG = float(np.cos(np.radians(2.0)))
 LEAST_CURVED, LEAST_TURNING = 0.4, 0.6  # of the surface: that curves about the axis; and with the planes across it
-STEPS = 30  # of a whole turn: 12 degrees apart, within refinement's reach of any angle
-
 Axis = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]  # unit direction, point on it [mm]
 
 
@@ -29,11 +27,11 @@ def revolved_axis(part: Part) -> Axis | None:
     return axes[best] if axes and turning[best] >= LEAST_TURNING else None
 
 
-def turns_about(axis: Axis) -> Float[np.ndarray, "turns 4 4"]:
-    """All around it, model -> model [mm]; the identity left out."""
+def turns_about(axis: Axis, steps: int) -> Float[np.ndarray, "turns 4 4"]:
+    """All around it in equal steps, model -> model [mm]; the identity left out."""
     direction, point = axis
-    T = np.tile(np.eye(4), (STEPS - 1, 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(2.0 * np.pi / STEPS * np.arange(1, STEPS)[:, None] * direction).as_matrix()
+    T = np.tile(np.eye(4), (steps - 1, 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(2.0 * np.pi / steps * np.arange(1, steps)[:, None] * direction).as_matrix()
     T[:, :3, 3] = point - T[:, :3, :3] @ point
     return T
 

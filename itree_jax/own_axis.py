@@ -1,0 +1,57 @@
+"""How far a part that is nearly of revolution is turned about its own axis: the likeliest of all turns.
+
+Its flat or keyway is all that tells, in a few pixels that half hide, and refinement feels them only from a few degrees
+away. So the image is asked at its own resolution, all around, once a pose is accepted.
+"""
+
+from functools import reduce
+
+import numpy as np
+
+from itree_jax.answers import Interpretation
+from itree_jax.challenge import plan_of, with_more
+from itree_jax.narrowing import judge, narrow
+from itree_jax.prepared import Prepared
+from itree_jax.refinement.hypotheses import (
+    RegionHypotheses,
+    best_of_each_region,
+    joined,
+    turned_about_axes,
+)
+from itree_jax.refinement.likelihood import support
+from itree_jax.refinement.nearly_revolved import turns_about
+from itree_jax.refinement.schedule import Schedule
+from itree_jax.refinement.select import likelihood_ratio
+from itree_jax.sight import Sight
+
+CLOSE_STEPS = 72  # of a whole turn: 5 degrees apart; a hole's rim lies a quarter of the hole off at most
+
+
+def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
+    """The interpretation with each accepted pose also turned about the part's own axis: to where the scene is
+    likeliest, and to the likeliest place that is another pose than that. They compete as they are, too: rough steps may
+    take more from an exact pose than they give. Parts that are of revolution, or not nearly so, are left alone.
+    """
+    prepared, accepted = answer.prepared, answer.selection.accepted
+    if prepared.own_axis is None or not len(accepted):
+        return answer
+    plan = plan_of(answer, sight)
+    poses = answer.hypotheses.take(accepted)._replace(region=np.arange(len(accepted)))
+    turned = [likeliest_turns(poses.take(np.array([k])), prepared, sight, plan) for k in range(len(accepted))]
+    found = reduce(joined, turned)
+    found = joined(found, narrow(found, prepared, sight, plan.turned[-1:], plan))
+    found = found._replace(region=answer.hypotheses.region[accepted][found.region])
+    return with_more(answer, found, judge(found, prepared, sight, plan), sight)
+
+
+def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> RegionHypotheses:
+    """Of a single pose as it is and of all its turns: the one under which the scene is likeliest, and the likeliest of
+    those that are another pose.
+    """
+    assert prepared.own_axis is not None
+    every = joined(pose, turned_about_axes(pose, turns_about(prepared.own_axis, CLOSE_STEPS)))
+    weighed = support(
+        every.poses, prepared.model, sight.observed, sight.sensor.camera, plan.errors, plan.jump, sight.others
+    )
+    nats = np.array([likelihood_ratio(weighed, k, 0) for k in range(len(every.region))])
+    return every.take(best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter))

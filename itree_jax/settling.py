@@ -1,0 +1,55 @@
+"""The last word on accepted poses: each is challenged, turned about its own axis, and polished."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from itree_jax.answers import Interpretation
+from itree_jax.challenge import challenged, plan_of, with_more
+from itree_jax.competition import compete
+from itree_jax.narrowing import judge
+from itree_jax.own_axis import turned_to_likeliest
+from itree_jax.refinement.optimise import refine
+from itree_jax.sight import Sight
+
+CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
+
+
+def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
+    """Accepted poses that nothing near them beats, at the image's own resolution."""
+    for _ in range(CHALLENGES):
+        more = [challenged(a, sight) for a in answers]
+        if all(new is old for new, old in zip(more, answers, strict=True)):
+            break
+        answers = compete(more, sight)
+    answers = compete([polished(a, sight) for a in answers], sight)
+    turned = [turned_to_likeliest(a, sight) for a in answers]
+    if all(new is old for new, old in zip(turned, answers, strict=True)):
+        return answers
+    return compete([polished(a, sight) for a in compete(turned, sight)], sight)
+
+
+def polished(answer: Interpretation, sight: Sight) -> Interpretation:
+    """The accepted poses and their rivals, refined once more where the depth map's pixels err independently.
+
+    How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
+    kept where the pose explains the scene better than before.
+    """
+    plan, accepted = plan_of(answer, sight), answer.selection.accepted
+    if plan.last is None or not len(accepted):
+        return answer
+    close = [others for others, _ in answer.selection.rivals]
+    tried = np.unique(np.concatenate([accepted, *close]))
+    before = answer.hypotheses.take(tried)
+    poses = refine(
+        before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
+        plan.jump, sight.others, sight.crease,
+    )
+    after = before._replace(poses=poses)
+    judged = judge(after, answer.prepared, sight, plan)
+    better = np.flatnonzero(judged.log_likelihood > answer.judged.log_likelihood[tried])
+    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[better])
+    rest = replace(
+        answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept),
+    )
+    return with_more(rest, after.take(better), judged.take(better), sight)
