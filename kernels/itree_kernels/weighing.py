@@ -158,28 +158,29 @@ def weighing_kernel(
         inside = row >= 0 and row < height and column >= 0 and column < width
         shows = inside and triangle[h, i, j] >= 0
         at_step = shows and step_beside(depth, h, i, j, jump)
-        if at_step and errors.edge == 0.0 and maps.depth[row, column] > 0.0:
-            seen = maps.depth[row, column]
-            ratio_at_step = beside_step(depth, h, i, j, jump, seen, errors.depth, errors.reach)
-        if shows and not at_step:
+        if shows:
             normal = R * normal_obj[triangle[h, i, j]]
             z = maps.depth[row, column]
             with_needle = maps.needle_weight[row, column] > 0.0
-            by_needle = wp.float32(0.0)
+            by_sight = wp.float32(0.0)
             if with_needle:
-                by_needle = needle_ratio(wp.dot(maps.normals[row, column], normal), errors.needle)
-            if z > 0.0:
+                by_sight = needle_ratio(wp.dot(maps.normals[row, column], normal), errors.needle)
+            elif z == 0.0:
+                by_sight = shading_ratio(maps, row, column, normal)
+            if at_step and z > 0.0:
+                ratio_at_step = beside_step(depth, h, i, j, jump, z, errors.depth, errors.reach)
+            elif at_step:
+                ratio_at_step = BLIND * wp.log((1.0 - OTHER_SIDE) * wp.exp(by_sight) + OTHER_SIDE)
+            elif z > 0.0:
                 moved = BORDER * errors.pitch / wp.clamp(wp.abs(normal[2]), STEEPEST, 1.0)
                 std = wp.sqrt(errors.depth * errors.depth + moved * moved)
                 gap = z - depth[h, i, j]
                 ratio = depth_ratio(gap, std, errors.reach)
                 if wp.abs(gap) < NEAR * std:
-                    ratio += by_needle
+                    ratio += by_sight
                 behind = gap < -NEAR * std
-            elif with_needle:
-                ratio = BLIND * by_needle
             else:
-                ratio = BLIND * shading_ratio(maps, row, column, normal)
+                ratio = BLIND * by_sight
             if ratio > 0.0 and brightest(maps, row, column) > LIT_SHADING:
                 shown += 1.0
         pixels[h, i, j] = ratio
