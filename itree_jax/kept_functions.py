@@ -85,6 +85,11 @@ class KeptFunction(Generic[R]):
         return jax.jit(found.call)
 
 
+def on_device(values: Any, dtype: Any = None) -> jax.Array:
+    """A host array on the default device. `jnp.asarray` compiles a program for every shape that it is given."""
+    return jax.device_put(np.asarray(values, dtype))
+
+
 def programs_folder() -> Path | None:
     """Where programs are kept; None where JAX keeps no compiled functions on disk either."""
     folder = jax.config.values["jax_compilation_cache_dir"]

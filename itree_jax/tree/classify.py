@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.kept_functions import kept
+from itree_jax.kept_functions import kept, on_device
 from itree_jax.tree.classification_rules import RULE_NAMES, log_likelihoods, quantities, rules_in
 from itree_jax.tree.joining import many_way_nodes, many_way_sides
 from itree_jax.tree.tree import PRUNED, InterpretationTree
@@ -58,16 +58,16 @@ def classification_arrays(tree: InterpretationTree) -> ClassificationArrays:
     most = max((int(side.max()) + 1 for side in sides), default=2)
     one_hot = np.array([[side == s for s in range(most)] for side in sides], np.float32)
     return ClassificationArrays(
-        samples=tuple(jnp.asarray(s) for s in tree.distributions.samples),
-        bandwidth=tuple(jnp.asarray(b) for b in tree.distributions.bandwidth),
+        samples=tuple(on_device(s) for s in tree.distributions.samples),
+        bandwidth=tuple(on_device(b) for b in tree.distributions.bandwidth),
         models=group_models(tree.appearances, groups.group_count),
-        prior=jnp.asarray(prior / prior.sum(), jnp.float32),
-        side=jnp.asarray(one_hot.reshape(len(decisions), most, groups.group_count)),
-        rule=jnp.asarray(used_rules([nodes.rule[node] for node in decisions])),
-        error=jnp.asarray(nodes.joined_error[decisions].mean(axis=1), jnp.float32),
-        branch_rule=jnp.asarray(used_rules(list(nodes.rule))),
-        visible=jnp.asarray((nodes.visible & kept) * active, jnp.float32),
-        hidden=jnp.asarray((nodes.hidden & kept) * active, jnp.float32),
+        prior=on_device(prior / prior.sum(), np.float32),
+        side=on_device(one_hot.reshape(len(decisions), most, groups.group_count)),
+        rule=on_device(used_rules([nodes.rule[node] for node in decisions])),
+        error=on_device(nodes.joined_error[decisions].mean(axis=1), np.float32),
+        branch_rule=on_device(used_rules(list(nodes.rule))),
+        visible=on_device((nodes.visible & kept) * active, np.float32),
+        hidden=on_device((nodes.hidden & kept) * active, np.float32),
     )
 
 

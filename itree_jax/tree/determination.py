@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE
-from itree_jax.kept_functions import kept
+from itree_jax.kept_functions import kept, on_device
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import Appearances
 from itree_jax.tree.batches import multiple_above, on_all_cores
@@ -61,7 +61,7 @@ def appearance_arrays(
     extra = max(least, multiple_above(len(index), ROW_BATCH)) - len(index)
 
     def pad(values: np.ndarray) -> Array:
-        return jnp.asarray(np.concatenate([values[index], np.zeros((extra, *values.shape[1:]), values.dtype)]))
+        return on_device(np.concatenate([values[index], np.zeros((extra, *values.shape[1:]), values.dtype)]))
 
     return AppearanceArrays(
         R_cam_obj=pad(table.R_cam_obj[table.attitude]),
@@ -70,7 +70,7 @@ def appearance_arrays(
         concentration=pad(np.linalg.norm(table.mass_centre, axis=-1)), egi=pad(table.egi), inertia=pad(table.inertia),
         outline=pad(table.outline), centroid_obj=pad(table.centroid_obj), brothers=pad(table.brothers),
         characteristic_map=pad(table.characteristic_map), edge_map=pad(table.edge_map),
-        uses=jnp.asarray(uses, jnp.float32),
+        uses=on_device(uses, np.float32),
     )
 
 
@@ -96,7 +96,7 @@ def attitude_error(
 def symmetry_arrays(symmetries: Symmetries) -> tuple[Float[Array, "k 3 3"], Float[Array, "m 3"]]:
     """Discrete turns (identity first), and the axes of revolution: none, one, or more of a sphere."""
     axes = np.array([axis for axis, _ in symmetries.continuous], np.float32).reshape(-1, 3)
-    return jnp.asarray(np.asarray(symmetries.discrete)[:, :3, :3], jnp.float32), jnp.asarray(axes)
+    return on_device(np.asarray(symmetries.discrete)[:, :3, :3], np.float32), on_device(axes)
 
 
 @kept("roll_step")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from itree_jax.features.region import RegionFeatures
-from itree_jax.kept_functions import kept
+from itree_jax.kept_functions import kept, on_device
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales
 from itree_jax.tree.determination import appearance_arrays, rules_used
 from itree_jax.tree.determination_rules import Candidates, egi_candidates, shape_candidates
@@ -25,7 +25,7 @@ class DeterminationArrays(NamedTuple):
 
 def determination_arrays(tree: InterpretationTree) -> DeterminationArrays:
     rows = appearance_arrays(tree.appearances, rules_used(tree.determination.steps))
-    scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
+    scales = DeterminationScales(*(on_device(s, np.float32) for s in tree.determination.scales))
     return DeterminationArrays(rows, scales, 2.0 * np.pi / tree.rolls)
 
 

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from itree_jax.features.polar import ANGLES, turn_correlation
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import BROTHER_FIELDS, MOST_MISFIT, SIZE_SPREAD, THERE, brother_misfit
+from itree_jax.kept_functions import on_device
 from itree_jax.tree.appearances import STORED_BROTHERS, Appearances
 
 EXEMPLARS = 24  # per group: the ten views that the paper's table has of one, at two rolls each and more
@@ -49,12 +50,12 @@ def group_models(table: Appearances, group_count: int) -> GroupModels:
     shape = (*rows.shape, STORED_BROTHERS, BROTHER_FIELDS)
     beside = np.where(there[..., None, None], table.brothers[rows], 0.0).reshape(shape)
     return GroupModels(
-        edge_map=jnp.asarray(table.edge_map[rows], jnp.float32),
-        characteristic_map=jnp.asarray(table.characteristic_map[rows], jnp.float32),
-        brothers=jnp.asarray(beside, jnp.float32),
-        size=jnp.asarray(0.5 * np.log(np.maximum(table.area[rows], 1.0)), jnp.float32),
-        unique=jnp.asarray(table.inertia[rows, 3] > LEAST_UNIQUENESS),
-        there=jnp.asarray(there),
+        edge_map=on_device(table.edge_map[rows], np.float32),
+        characteristic_map=on_device(table.characteristic_map[rows], np.float32),
+        brothers=on_device(beside, np.float32),
+        size=on_device(0.5 * np.log(np.maximum(table.area[rows], 1.0)), np.float32),
+        unique=on_device(table.inertia[rows, 3] > LEAST_UNIQUENESS),
+        there=on_device(there),
     )
 
 
