@@ -78,7 +78,7 @@ def best_as_they_are(
     small feature that tells them apart.
     """
     verdict, _, _ = verify(
-        hypotheses.poses, prepared.model, sight.observed, sight.sensor.camera, plan.turned[-1].tolerances,
+        hypotheses.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.turned[-1].tolerances,
         plan.turned[-2].stage.size, plan.jump, sight.others,
     )
     return best_of_each_region(
@@ -125,7 +125,7 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
     poses = refine(
-        before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
+        before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, plan.independent, [plan.last],
         plan.jump, sight.others, sight.crease,
     )
     after = before._replace(poses=poses)

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
+from itree_kernels.scene_maps import SeenBy
 from jaxtyping import Bool, Float
 
-from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
+from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
@@ -56,6 +58,16 @@ class Sight:
     def kind(self) -> str:
         """Where depth comes from: "depth" (a map), "stereo" (a second camera) or "none"."""
         return "depth" if self.edge_reach == 0.0 else "stereo" if self.others else "none"
+
+    @cached_property
+    def held_against(self) -> SeenBy:
+        """What poses are held against, as the kernels read it."""
+        return seen_by(self.observed, self.sensor.camera)
+
+    @cached_property
+    def roughly_held_against(self) -> SeenBy:
+        """The same of rough poses."""
+        return self.held_against if self.coarse is None else seen_by(self.coarse, self.sensor.camera)
 
     @property
     def bright(self) -> Bool[np.ndarray, "regions"]:

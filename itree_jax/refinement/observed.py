@@ -50,12 +50,14 @@ def camera_arrays(camera: Camera) -> CameraArrays:
 
 
 def seen_by(
-    observed: ObservedMaps, camera: Camera, R_camera_first: Float[np.ndarray, "3 3"] | None = None,
+    observed: ObservedMaps | SeenBy, camera: Camera, R_camera_first: Float[np.ndarray, "3 3"] | None = None,
     t_camera_first: Float[np.ndarray, "3"] | None = None,
 ) -> SeenBy:
     """The maps as the kernels read them. The rotation and the translation [mm] lead from the frame that poses are told
-    in to the camera's; None: it is the same one.
+    in to the camera's; None: it is the same one. Maps that were laid out so before are taken as they are.
     """
+    if isinstance(observed, SeenBy):
+        return observed
     arrays = (np.asarray(a) for a in observed)
     R = np.eye(3) if R_camera_first is None else np.asarray(R_camera_first, float)
     t = np.zeros(3) if t_camera_first is None else np.asarray(t_camera_first, float)

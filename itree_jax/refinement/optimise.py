@@ -6,6 +6,7 @@ that they met are projected into the image. All hypotheses go through all steps 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -70,7 +71,7 @@ class OtherView:
     R_other_cam: Float[np.ndarray, "3 3"]  # X_other = R X_cam + t
     t_other_cam: Float[np.ndarray, "3"]  # [mm]
 
-    @property
+    @cached_property
     def seen_by(self) -> SeenBy:
         """As the kernels read it."""
         return seen_by(self.observed, self.camera, self.R_other_cam, self.t_other_cam)
@@ -113,7 +114,7 @@ def ramp(ends: tuple[float, float], step: int, steps: int) -> float:
 def refine(
     hypotheses: Hypotheses,
     model: RefineModel,
-    observed: ObservedMaps,
+    observed: ObservedMaps | SeenBy,
     camera: Camera,
     deviations: Deviations,
     stages: Sequence[Stage],
