@@ -7,7 +7,7 @@ from functools import cached_property
 import jax.numpy as jnp
 import numpy as np
 from itree_kernels.scene_maps import SeenBy
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
@@ -17,12 +17,13 @@ from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.edges import SceneEdges, scene_edges
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.reading import read_needles
+from itree_jax.sensing.reading import corrected, first_needles, read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.dual_stereo import dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
+from itree_jax.tree.batches import at_once
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
@@ -80,10 +81,15 @@ class Sight:
         return lit > 0.5 * np.bincount(self.found.labels[inside], minlength=count)
 
     def of(
-        self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None
+        self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None,
+        segments: Int[np.ndarray, "height width"] | None = None,
     ) -> "Sight":
-        """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays."""
-        held = by_themselves(found, self.sensor) if depth is None else held_by(found.labels, depth, self.sensor)
+        """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays.
+
+        `segments`: those of the depth map, if they are known already.
+        """
+        alone = depth is None
+        held = by_themselves(found, self.sensor) if alone else held_by(found.labels, depth, self.sensor, segments)
         return replace(self, found=found, needle=needle, held=held)
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
@@ -114,10 +120,13 @@ def look(
         return look_with_two(images, sensor, second, R_w2c, responses)
     depth = np.asarray(depth, np.float32)
     noise = depth_noise(depth, depth > 0)
-    of_depth = before.of_depth if before else None
-    if of_depth is None and not sensor.is_depth_camera:
-        of_depth = depth_needles(depth, sensor.camera, noise)
-    needle = read_needles(images, sensor, depth, responses[0], of_depth)
+
+    def of_surface() -> DepthNeedles | None:
+        known = before.of_depth if before else None
+        return known if known or sensor.is_depth_camera else depth_needles(depth, sensor.camera, noise)
+
+    needle, of_depth = at_once(lambda: first_needles(images, sensor, depth), of_surface)
+    needle = corrected(needle, sensor, depth, responses[0], of_depth)
     found = before.found if before else regions(needle, depth, sensor, R_w2c)
     held = before.held if before else held_by(found.labels, depth, sensor)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))

@@ -54,11 +54,15 @@ class HeldBy:
 
 
 def held_by(
-    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
+    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor,
+    segments: Int[np.ndarray, "height width"] | None = None,
 ) -> HeldBy:
-    """The segments that hold these regions; a region of which no pixel is on a segment stands for one itself."""
+    """The segments that hold these regions; a region of which no pixel is on a segment stands for one itself.
+
+    `segments`: those of the depth map, if they are known already.
+    """
     camera, count = sensor.camera, int(labels.max(initial=-1)) + 1
-    segments = depth_segments(depth, sensor)
+    segments = depth_segments(depth, sensor) if segments is None else segments
     inside, some = labels >= 0, int(segments.max()) + 1
     votes = np.bincount(labels[inside] * some + segments[inside], minlength=count * some).reshape(count, some)
     votes[:, 0] = 0
