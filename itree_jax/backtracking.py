@@ -147,11 +147,12 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     known = explained(answers, (sight.sensor.camera.height, sight.sensor.camera.width))
     needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~known)
     depth = None if sight.depth is None else np.where(known, np.float32(0.0), sight.depth)
-    found = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges)
+    found, segments = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges), None
     if sight.lit is not None and sight.depth is not None and depth is not None and sight.kind == "depth":
         normals = sight.of_depth or depth_needles(sight.depth, sight.sensor.camera, sight.noise)
         free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
-        labels = faces_of_segments(np.where(free, depth_segments(depth, sight.sensor), 0), normals.normals)
+        segments = depth_segments(depth, sight.sensor)
+        labels = faces_of_segments(np.where(free, segments, 0), normals.normals)
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
         fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
         needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))
@@ -161,7 +162,7 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
         found = replace(
             found, mean_depth=np.full(found.count, sight.sensor.working_distance), height=np.zeros(found.count)
         )
-    return sight.of(found, needle, depth)
+    return sight.of(found, needle, depth, segments)
 
 
 def unread(sight: Sight, answers: list[Interpretation]) -> Sight | None:

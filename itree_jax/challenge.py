@@ -67,7 +67,7 @@ def best_as_they_are(
     small feature that tells them apart.
     """
     verdict, _, _ = verify(
-        hypotheses.poses, prepared.model, sight.observed, sight.sensor.camera, plan.turned[-1].tolerances,
+        hypotheses.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.turned[-1].tolerances,
         plan.turned[-2].stage.size, plan.jump, sight.others,
     )
     return best_of_each_region(

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from math import dist
 
 import numpy as np
 
@@ -40,10 +41,15 @@ def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) ->
 def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
     """Whether two hypotheses, keyed by (part, index), share space."""
     poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
+    solids = [prepared.solid for prepared, _ in bodies]
+    centres = [(R @ one.mesh.centre + t).tolist() for one, (R, t) in zip(solids, poses, strict=True)]
 
     @cache
     def collide(a: Key, b: Key) -> bool:
+        one, other = solids[a[0]], solids[b[0]]
+        if dist(centres[a[0]][a[1]], centres[b[0]][b[1]]) > one.mesh.radius + other.mesh.radius:
+            return False
         (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
-        return share_space(bodies[a[0]][0].solid, R_a[a[1]], t_a[a[1]], bodies[b[0]][0].solid, R_b[b[1]], t_b[b[1]])
+        return share_space(one, R_a[a[1]], t_a[a[1]], other, R_b[b[1]], t_b[b[1]])
 
     return collide

@@ -27,7 +27,7 @@ def narrow(
     model, symmetries, camera = prepared.model, prepared.symmetries, sight.sensor.camera
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
-        observed = sight.coarse if rough and sight.coarse is not None else sight.observed
+        observed = sight.roughly_held_against if rough else sight.held_against
         poses = refine(
             hypotheses.poses, model, observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
@@ -48,10 +48,10 @@ def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: 
     """The last verification of all hypotheses: counts, and the likelihood of every pixel."""
     model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
     verdict, _, _ = verify(
-        hypotheses.poses, model, sight.observed, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
+        hypotheses.poses, model, sight.held_against, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
         sight.others,
     )
-    weighed = support(hypotheses.poses, model, sight.observed, camera, plan.errors, plan.jump, sight.others)
+    weighed = support(hypotheses.poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others)
     return Judged(verdict, weighed, sensor.smallest_region / sensor.mm_per_px**2, rivalry(hypotheses, prepared))
 
 

@@ -51,7 +51,7 @@ def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, pl
     assert prepared.own_axis is not None
     every = joined(pose, turned_about_axes(pose, turns_about(prepared.own_axis, CLOSE_STEPS)))
     weighed = support(
-        every.poses, prepared.model, sight.observed, sight.sensor.camera, plan.errors, plan.jump, sight.others
+        every.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.errors, plan.jump, sight.others
     )
     nats = np.array([likelihood_ratio(weighed, k, 0) for k in range(len(every.region))])
     return every.take(best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter))

@@ -42,7 +42,7 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
     poses = refine(
-        before.poses, answer.prepared.model, sight.observed, sight.sensor.camera, plan.independent, [plan.last],
+        before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, plan.independent, [plan.last],
         plan.jump, sight.others, sight.crease,
     )
     after = before._replace(poses=poses)

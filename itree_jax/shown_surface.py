@@ -88,5 +88,5 @@ def turns_onto(
 def _mean(
     values: Float[np.ndarray, "views samples 3"], weight: Float[np.ndarray, "views samples k"]
 ) -> Float[np.ndarray, "views k 3"]:
-    total = np.einsum("vsk,vsa->vka", weight, values)
+    total = weight.swapaxes(1, 2) @ values
     return total / np.maximum(weight.sum(axis=1), 1.0)[..., None]

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from itree_kernels.scene_maps import SeenBy
+from jaxtyping import Bool, Float, Int
 
-from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges
+from itree_jax.kept_functions import on_device
+from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
@@ -15,12 +17,13 @@ from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.edges import SceneEdges, scene_edges
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.reading import read_needles
+from itree_jax.sensing.reading import corrected, first_needles, read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.dual_stereo import dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
+from itree_jax.tree.batches import at_once
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
@@ -57,6 +60,16 @@ class Sight:
         """Where depth comes from: "depth" (a map), "stereo" (a second camera) or "none"."""
         return "depth" if self.edge_reach == 0.0 else "stereo" if self.others else "none"
 
+    @cached_property
+    def held_against(self) -> SeenBy:
+        """What poses are held against, as the kernels read it."""
+        return seen_by(self.observed, self.sensor.camera)
+
+    @cached_property
+    def roughly_held_against(self) -> SeenBy:
+        """The same of rough poses."""
+        return self.held_against if self.coarse is None else seen_by(self.coarse, self.sensor.camera)
+
     @property
     def bright(self) -> Bool[np.ndarray, "regions"]:
         """Regions that are no dark bin or floor: a light shows most of their pixels."""
@@ -68,10 +81,15 @@ class Sight:
         return lit > 0.5 * np.bincount(self.found.labels[inside], minlength=count)
 
     def of(
-        self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None
+        self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None,
+        segments: Int[np.ndarray, "height width"] | None = None,
     ) -> "Sight":
-        """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays."""
-        held = by_themselves(found, self.sensor) if depth is None else held_by(found.labels, depth, self.sensor)
+        """The same scene with other regions, placed by this depth map [mm]; what poses are held against stays.
+
+        `segments`: those of the depth map, if they are known already.
+        """
+        alone = depth is None
+        held = by_themselves(found, self.sensor) if alone else held_by(found.labels, depth, self.sensor, segments)
         return replace(self, found=found, needle=needle, held=held)
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
@@ -102,10 +120,13 @@ def look(
         return look_with_two(images, sensor, second, R_w2c, responses)
     depth = np.asarray(depth, np.float32)
     noise = depth_noise(depth, depth > 0)
-    of_depth = before.of_depth if before else None
-    if of_depth is None and not sensor.is_depth_camera:
-        of_depth = depth_needles(depth, sensor.camera, noise)
-    needle = read_needles(images, sensor, depth, responses[0], of_depth)
+
+    def of_surface() -> DepthNeedles | None:
+        known = before.of_depth if before else None
+        return known if known or sensor.is_depth_camera else depth_needles(depth, sensor.camera, noise)
+
+    needle, of_depth = at_once(lambda: first_needles(images, sensor, depth), of_surface)
+    needle = corrected(needle, sensor, depth, responses[0], of_depth)
     found = before.found if before else regions(needle, depth, sensor, R_w2c)
     held = before.held if before else held_by(found.labels, depth, sensor)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
@@ -138,7 +159,7 @@ def look_with_two(
     observed = observe_images(images, sensor, needle, depth, edges)
     lit = lit_by_any(images, sensor, needle)
     soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
-    coarse = observed._replace(depth=jnp.asarray(soft, jnp.float32))
+    coarse = observed._replace(depth=on_device(soft, np.float32))
     other = read_needles(second.images, second.sensor, None, responses[1])
     beside = observe_images(
         second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
@@ -212,7 +233,7 @@ def with_shading(
     albedo = float(dominant_albedo(needle)) or 1.0
     shading = np.moveaxis(images / (albedo * sensor.light_intensities[:, None, None]), 0, -1)
     return observed._replace(
-        shading=jnp.asarray(shading, jnp.float32), light_directions=jnp.asarray(sensor.light_directions, jnp.float32)
+        shading=on_device(shading, np.float32), light_directions=on_device(sensor.light_directions, np.float32)
     )
 
 

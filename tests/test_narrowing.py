@@ -3,7 +3,6 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from itree_cad.symmetry import Symmetries
 
 from itree_jax import narrowing
@@ -14,14 +13,14 @@ from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.bundled import bundled_sensor
 
 
-@pytest.mark.parametrize("coarse", [None, "coarse"])
-def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
+def test_only_rough_rounds_take_the_soft_depth(monkeypatch):
     """The last two rounds, and with them all that judges a pose, hold it against what was measured well."""
     refined, verified = [], []
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
-        observed="observed", coarse=coarse, sensor=SimpleNamespace(camera=None), others=(), crease=None
-    )
+        held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None), others=(),
+        crease=None,
+    )  # fmt: skip
 
     def refine(poses, model, observed, *_):
         refined.append(observed)
@@ -42,5 +41,5 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch, coarse):
         verified.clear()
         narrowing.narrow(alone, part, sight, rounds, plan)
         rough = len(rounds) - 2
-        assert refined == [coarse or "observed"] * rough + ["observed"] * 2
+        assert refined == ["coarse"] * rough + ["observed"] * 2
         assert verified == refined

@@ -105,6 +105,14 @@ def test_a_depth_map_needs_no_images_edges(matte):
     assert sight.observed.shading.shape[-1] == matte.sensor.light_count
     assert sight.lit is not None
     assert sight.kind == "depth"
+    assert sight.roughly_held_against is sight.held_against
+
+
+def test_rough_poses_are_held_against_the_soft_depth_of_two_cameras(by_two):
+    soft, hard = (np.asarray(by.maps.depth.numpy()) for by in (by_two.roughly_held_against, by_two.held_against))
+    assert np.array_equal(soft, np.asarray(by_two.coarse.depth))
+    assert np.array_equal(hard, np.asarray(by_two.observed.depth))
+    assert (soft > 0).sum() > (hard > 0).sum()
 
 
 def answers_of(poses: int, score: float = 0.9) -> list:

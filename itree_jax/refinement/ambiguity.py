@@ -4,7 +4,7 @@ import numpy as np
 from itree_cad.symmetry import Symmetries
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
+from itree_jax.refinement.pose_distance import NEARLY_SAME, carried_as_near, same_part_distance
 from itree_jax.refinement.scoring import REFINEMENT_NATS
 
 FARTHEST = 6.0  # times as much: beyond it a rival has no share
@@ -39,8 +39,5 @@ def same_place(
 ) -> Bool[np.ndarray, "hypotheses hypotheses"]:
     """Which poses are another's rivals: less than half a diameter away, and not the same pose of the part."""
     here = np.linalg.norm(t[:, None] - t[None], axis=-1) < 0.5 * diameter
-    for k in range(len(t)):
-        mine = np.flatnonzero(here[k])
-        apart = same_part_distance(R[mine], t[mine], R[k], t[k], symmetries, diameter)
-        here[k, mine] = apart > NEARLY_SAME * diameter
+    here &= ~carried_as_near(R, t, R, t, symmetries, diameter, NEARLY_SAME * diameter)
     return here | here.T

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.optimise import Hypotheses
-from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
+from itree_jax.refinement.pose_distance import NEARLY_SAME, first_apart
 from itree_jax.refinement.verify import Verdict
 
 FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
@@ -86,19 +86,13 @@ def best_of_each_region(
     """Indices of the `most` best hypotheses of every region, leaving out those that repeat a better one: that carry
     the part, as its symmetries leave it, to within `nearly` of the diameter [mm] of where the better one does.
     """
-    kept: list[int] = []
+    kept = []
     R, t = (np.asarray(a, float) for a in hypotheses.poses)
     for region in np.unique(hypotheses.region):
         order = np.flatnonzero(hypotheses.region == region)
         order = order[np.argsort(-score[order], kind="stable")]
-        for _ in range(most):
-            best, order = order[0], order[1:]
-            kept.append(int(best))
-            apart = same_part_distance(R[order], t[order], R[best], t[best], symmetries, diameter)
-            order = order[apart >= nearly * diameter]
-            if not len(order):
-                break
-    return np.array(kept, int)
+        kept.append(order[first_apart(R[order], t[order], symmetries, diameter, nearly * diameter, most)])
+    return np.concatenate(kept) if kept else np.zeros(0, int)
 
 
 def distinct(

@@ -55,7 +55,7 @@ class Support(NamedTuple):
 
 
 def support(
-    hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps, camera: Camera, errors: SensorErrors,
+    hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps | SeenBy, camera: Camera, errors: SensorErrors,
     jump: float, others: Sequence[OtherView] = (), size: int = SIZE,
 ) -> Support:
     """Renders every hypothesis and weighs each of its pixels. `jump` [mm]: least depth step of a contour."""

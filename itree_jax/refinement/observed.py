@@ -3,13 +3,13 @@
 from typing import NamedTuple
 
 import cv2
-import jax.numpy as jnp
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.scene_maps import SeenBy, scene_maps
 from itree_kernels.warp_start import warp_device
 from jaxtyping import Float, Int
 
+from itree_jax.kept_functions import on_device
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
 from itree_jax.sensing.needle import Array
 
@@ -50,12 +50,14 @@ def camera_arrays(camera: Camera) -> CameraArrays:
 
 
 def seen_by(
-    observed: ObservedMaps, camera: Camera, R_camera_first: Float[np.ndarray, "3 3"] | None = None,
+    observed: ObservedMaps | SeenBy, camera: Camera, R_camera_first: Float[np.ndarray, "3 3"] | None = None,
     t_camera_first: Float[np.ndarray, "3"] | None = None,
 ) -> SeenBy:
     """The maps as the kernels read them. The rotation and the translation [mm] lead from the frame that poses are told
-    in to the camera's; None: it is the same one.
+    in to the camera's; None: it is the same one. Maps that were laid out so before are taken as they are.
     """
+    if isinstance(observed, SeenBy):
+        return observed
     arrays = (np.asarray(a) for a in observed)
     R = np.eye(3) if R_camera_first is None else np.asarray(R_camera_first, float)
     t = np.zeros(3) if t_camera_first is None else np.asarray(t_camera_first, float)
@@ -140,8 +142,6 @@ def _with_edges(
         index_of[nearest[half[:, 1], half[:, 0]]] = np.arange(count)
         label = index_of[nearest]
         table[:count] = np.concatenate([uv, direction, near[:, None]], axis=1)
-    return ObservedMaps(
-        jnp.asarray(depth, jnp.float32), jnp.asarray(normals, jnp.float32), jnp.asarray(needle_weight, jnp.float32),
-        jnp.asarray(label), jnp.asarray(table[:, :2]), jnp.asarray(table[:, 2:4]), jnp.asarray(table[:, 4]),
-        jnp.zeros((height, width, 0), jnp.float32), jnp.zeros((0, 3), jnp.float32),
-    )
+    no_shading = np.zeros((height, width, 0)), np.zeros((0, 3))
+    host = (depth, normals, needle_weight, label, table[:, :2], table[:, 2:4], table[:, 4], *no_shading)
+    return ObservedMaps(*(on_device(one, np.int32 if one is label else np.float32) for one in host))

@@ -6,9 +6,9 @@ that they met are projected into the image. All hypotheses go through all steps 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import warp as wp
 from itree_kernels.camera import Camera
@@ -21,6 +21,7 @@ from itree_kernels.warp_start import load_kernel
 from itree_kernels.windows import Rays, Windows, windows
 from jaxtyping import Float
 
+from itree_jax.kept_functions import on_device
 from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import ObservedMaps, seen_by
 from itree_jax.refinement.residuals import Deviations
@@ -51,14 +52,14 @@ class RefineModel:
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
     """Triangle normals with zeros up to a multiple of `TRIANGLE_BATCH`."""
     extra = -len(normal_obj) % TRIANGLE_BATCH
-    return jnp.asarray(np.concatenate([normal_obj, np.zeros((extra, 3))]), jnp.float32)
+    return on_device(np.concatenate([normal_obj, np.zeros((extra, 3))]), np.float32)
 
 
 def padded_surface(surface: SmoothSurface) -> SmoothSurface:
     """The smooth surface over the same triangles, with zeros likewise."""
     extra = -len(surface.offset) % TRIANGLE_BATCH
     bending, offset, face = (np.concatenate([a, np.zeros((extra, *a.shape[1:]), a.dtype)]) for a in surface)
-    return SmoothSurface(jnp.asarray(bending, jnp.float32), jnp.asarray(offset, jnp.float32), jnp.asarray(face))
+    return SmoothSurface(on_device(bending, np.float32), on_device(offset, np.float32), on_device(face))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class OtherView:
     R_other_cam: Float[np.ndarray, "3 3"]  # X_other = R X_cam + t
     t_other_cam: Float[np.ndarray, "3"]  # [mm]
 
-    @property
+    @cached_property
     def seen_by(self) -> SeenBy:
         """As the kernels read it."""
         return seen_by(self.observed, self.camera, self.R_other_cam, self.t_other_cam)
@@ -113,7 +114,7 @@ def ramp(ends: tuple[float, float], step: int, steps: int) -> float:
 def refine(
     hypotheses: Hypotheses,
     model: RefineModel,
-    observed: ObservedMaps,
+    observed: ObservedMaps | SeenBy,
     camera: Camera,
     deviations: Deviations,
     stages: Sequence[Stage],

@@ -24,6 +24,7 @@ from itree_jax.refinement.optimise import (
 )
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
+from itree_jax.tree.batches import on_all_cores
 
 BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
 
@@ -65,10 +66,12 @@ def _seen_by(
         stride=np.asarray(stride, np.int32), size=stage.size, surface=model.surface if stage.contour else None,
     )
     predicted = as_predicted(found, origin)
-    batches = [
-        jax.tree.map(np.asarray, equations_of(*jax.tree.map(lambda a, k=k: a[k : k + BATCH], (R, t, predicted))))
-        for k in range(0, len(t), BATCH)
-    ]
+
+    def equations_from(first: int) -> NormalEquations:
+        some = jax.tree.map(lambda a: a[first : first + BATCH], (R, t, predicted))
+        return jax.tree.map(np.asarray, equations_of(*some))
+
+    batches = [equations_from(0), *on_all_cores(equations_from, range(BATCH, len(t), BATCH))]  # compiled but once
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
 
 

@@ -11,6 +11,7 @@ from itree_jax.refinement.hypotheses import contour_share, flush_share
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability, share
 from itree_jax.refinement.verify import Verdict
+from itree_jax.refinement.window_totals import Totals, box, totals
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
 Ratio = Callable[[int, int, int], float]  # of two hypotheses of a part [nats]
@@ -35,36 +36,27 @@ class Judged:
     support: Support
     least_pixels: float  # image pixels of the sensor's smallest region
     near: Bool[np.ndarray, "hypotheses hypotheses"]  # other poses of the same place
+    summed: Totals | None = None  # the totals of the support, if they are known already
 
     @cached_property
     def log_likelihood(self) -> Float[np.ndarray, "hypotheses"]:
         """That of each pose against something else being there [nats, by image pixels]."""
-        one = self.support
-        return (self.spoken_for - self.spoken_against + one.beside) * one.stride**2
+        one, total = self.support, self.totals
+        return (total.spoken_for - total.spoken_against + one.beside) * one.stride**2
 
     @cached_property
-    def spoken_for(self) -> Float[np.ndarray, "hypotheses"]:
-        """Nats of the window pixels that speak for each pose."""
-        return np.maximum(self.support.pixels, 0.0).sum(axis=(1, 2))
-
-    @cached_property
-    def spoken_against(self) -> Float[np.ndarray, "hypotheses"]:
-        """Nats of those that contradict it."""
-        return -np.minimum(self.support.pixels, 0.0).sum(axis=(1, 2))
-
-    @cached_property
-    def agreeing(self) -> Int[np.ndarray, "hypotheses"]:
-        """Window pixels that speak for each pose."""
-        return np.count_nonzero(self.support.pixels > 0, axis=(1, 2))
+    def totals(self) -> Totals:
+        """What the windows of the support come to."""
+        return totals(self.support) if self.summed is None else self.summed
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
-        verdict = Verdict(*(counts[index] for counts in self.verdict))
-        return Judged(verdict, self.support.take(index), self.least_pixels, self.near[np.ix_(index, index)])
+        verdict, near = Verdict(*(counts[index] for counts in self.verdict)), self.near[np.ix_(index, index)]
+        return Judged(verdict, self.support.take(index), self.least_pixels, near, self.totals.take(index))
 
     def with_rivalry(self, near: Bool[np.ndarray, "hypotheses hypotheses"]) -> "Judged":
         """The same, once it is told who is near whom."""
-        return Judged(self.verdict, self.support, self.least_pixels, near)
+        return Judged(self.verdict, self.support, self.least_pixels, near, self.totals)
 
 
 def together(first: Judged, second: Judged) -> Judged:
@@ -72,7 +64,8 @@ def together(first: Judged, second: Judged) -> Judged:
     verdict = Verdict(*(np.concatenate(pair) for pair in zip(first.verdict, second.verdict, strict=True)))
     count = len(verdict.agreeing)
     return Judged(
-        verdict, first.support.joined(second.support), first.least_pixels, np.zeros((count, count), bool)
+        verdict, first.support.joined(second.support), first.least_pixels, np.zeros((count, count), bool),
+        first.totals.joined(second.totals),
     )
 
 
@@ -103,7 +96,7 @@ def select_jointly(
     scores = [probability(m, scoring) for m in alone]
     out: dict[Key, str] = {}
     for part, one in enumerate(judged):
-        agreeing, flush = one.agreeing * one.support.stride**2, flush_share(one.verdict)
+        agreeing, flush = one.totals.agreeing * one.support.stride**2, flush_share(one.verdict)
         for h in range(len(agreeing)):
             if agreeing[h] < one.least_pixels:
                 out[part, h] = "too few agreeing pixels"
@@ -111,12 +104,12 @@ def select_jointly(
                 out[part, h] = "the surface goes on across the pose's contour"
             elif scores[part][h] < HOPELESS:
                 out[part, h] = "the rendered pose contradicts the scene"
-    ratio = cache(lambda part, a, b: likelihood_ratio(judged[part].support, a, b))
-    explained = cache(lambda part, h: _pixels(judged[part].support, h, image_shape))
+    ratio = cache(lambda part, a, b: likelihood_ratio(judged[part].support, a, b, judged[part].totals))
+    explained = cache(lambda part, h: _pixels(judged[part], h, image_shape))
     for _ in range(ROUNDS):
         accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out, ratio, explained)
         rivals = {key: _rivals(key, accepted, judged, share_space, ratio, out) for key in accepted}
-        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
+        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1], explained) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
         improbable = [
@@ -153,12 +146,13 @@ def _greedy(
     accepted: list[Key] = []
     reasons: dict[Key, str] = {}
     weighed = sorted(
-        (-float(value), part, h) for part, values in enumerate(likelihood) for h, value in enumerate(values)
+        (-value, part, h) for part, values in enumerate(likelihood) for h, value in enumerate(values.tolist())
         if (part, h) not in out
     )
     waiting = [(part, h) for _, part, h in weighed]
+    near = [[set(np.flatnonzero(row).tolist()) for row in one.near] for one in judged]
     while waiting:
-        key = _best_of_place(waiting, judged, ratio)
+        key = _best_of_place(waiting, near, ratio)
         waiting.remove(key)
         rows, columns, weight = explained(*key)
         own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
@@ -172,37 +166,40 @@ def _greedy(
     return accepted, reasons, owner
 
 
-def _best_of_place(waiting: Sequence[Key], judged: Sequence[Judged], ratio: Ratio) -> Key:
-    """The likeliest hypothesis, or another one of its place that wins where the two differ."""
+def _best_of_place(waiting: Sequence[Key], near: Sequence[Sequence[set[int]]], ratio: Ratio) -> Key:
+    """The likeliest hypothesis, or another one of its place that wins where the two differ. `near`: of every part and
+    hypothesis, those of the same place.
+    """
     part, best = waiting[0]
-    one = judged[part]
     for p, h in waiting[1:]:
-        if p == part and one.near[best, h] and ratio(part, h, best) > 0.0:
+        if p == part and h in near[part][best] and ratio(part, h, best) > 0.0:
             best = h
     return part, best
 
 
-def likelihood_ratio(support: Support, a: int, b: int) -> float:
+def likelihood_ratio(support: Support, a: int, b: int, known: Totals | None = None) -> float:
     """log p(scene | a) / p(scene | b) [nats], from the pixels in which the two poses clearly differ.
 
     Two refined poses of one place differ a little everywhere, by what is left of their errors; that says nothing. Poses
     that nearly repeat each other may differ by no more than where a step of depth lies: its pixels have a say here.
+    `known`: the totals of the support, if they are known already.
     """
-    shift = np.round((support.origin_uv[b] - support.origin_uv[a]) / support.stride).astype(int)
-    size = support.pixels.shape[1] + int(np.abs(shift).max())
-    both = np.zeros((2, size, size), np.float32)
-    for k, (h, move) in enumerate(((a, np.maximum(-shift, 0)), (b, np.maximum(shift, 0)))):
-        window = support.pixels[h] + support.at_steps[h]
-        both[k, move[1] : move[1] + len(window), move[0] : move[0] + len(window)] = window
-    differ = both[0] - both[1]
+    box_a, box_b = (box(support, h) if known is None else known.box[h].tolist() for h in (a, b))
+    right, down = np.round((support.origin_uv[b] - support.origin_uv[a]) / support.stride).astype(int).tolist()
+    moved = box_b[0] + down, box_b[1] + down, box_b[2] + right, box_b[3] + right
+    top, left = min(box_a[0], moved[0]), min(box_a[2], moved[2])
+    differ = np.zeros((max(box_a[1], moved[1]) - top, max(box_a[3], moved[3]) - left), np.float32)
+    for h, sign, here, there in ((a, 1.0, box_a, box_a), (b, -1.0, box_b, moved)):
+        window = slice(here[0], here[1]), slice(here[2], here[3])
+        place = slice(there[0] - top, there[1] - top), slice(there[2] - left, there[3] - left)
+        differ[place] += np.float32(sign) * (support.pixels[h][window] + support.at_steps[h][window])
     beside = float(support.beside[a] - support.beside[b])
     return (float(differ[np.abs(differ) > CLEAR].sum()) + beside) * support.stride**2
 
 
 def measures_alone(one: Judged) -> Measures:
     """What the scores of all hypotheses go by, were they alone in the scene."""
-    agreeing, for_, against = one.agreeing, one.spoken_for, one.spoken_against
-    hidden = np.count_nonzero(one.support.hidden, axis=(1, 2))
+    for_, against, agreeing, hidden, _ = one.totals
     some = np.maximum(agreeing, 1)
     verdict = one.verdict
     return Measures(
@@ -221,14 +218,14 @@ def measures_alone(one: Judged) -> Measures:
 
 def _in_company(
     key: Key, accepted: Sequence[Key], judged: Sequence[Judged], alone: Sequence[Measures],
-    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"],
+    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"], explained: Explained,
 ) -> Measures:
     """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals."""
     part, h = key
     one, number = judged[part], list(accepted).index(key)
     measured = Measures(*(np.asarray(values)[h] for values in alone[part]))
-    rows, columns, weight = _pixels(one.support, h, owner.shape)
-    rows_h, columns_h = _places(one.support, h, one.support.hidden[h], owner.shape)
+    rows, columns, weight = explained(*key)
+    rows_h, columns_h = _places(one, h, one.support.hidden[h][_window(one, h)], owner.shape)
     covered = owner[rows_h, columns_h]
     by_nobody = int(((covered < 0) | (covered == number)).sum())
     return measured._replace(
@@ -254,20 +251,28 @@ def _rivals(
 
 
 def _pixels(
-    support: Support, h: int, image_shape: tuple[int, int]
+    one: Judged, h: int, image_shape: tuple[int, int]
 ) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"], Float[np.ndarray, "pixels"]]:
     """Rows and columns of the image pixels that a hypothesis explains, and how well [nats]."""
-    mask = support.pixels[h] > 0
-    return *_places(support, h, mask, image_shape), support.pixels[h][mask].astype(np.float32)
+    nats = one.support.pixels[h][_window(one, h)]
+    mask = nats > 0
+    return *_places(one, h, mask, image_shape), nats[mask].astype(np.float32)
+
+
+def _window(one: Judged, h: int) -> tuple[slice, slice]:
+    """What isn't empty of a hypothesis's window."""
+    top, bottom, left, right = one.totals.box[h].tolist()
+    return slice(top, bottom), slice(left, right)
 
 
 def _places(
-    support: Support, h: int, mask: Bool[np.ndarray, "s s"], image_shape: tuple[int, int]
+    one: Judged, h: int, mask: Bool[np.ndarray, "r c"], image_shape: tuple[int, int]
 ) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"]]:
+    """Rows and columns of the image of pixels of what isn't empty of the window."""
     i, j = np.nonzero(mask)
-    u0, v0 = support.origin_uv[h].astype(int)
-    rows = np.clip(v0 + support.stride * i, 0, image_shape[0] - 1)
-    return rows, np.clip(u0 + support.stride * j, 0, image_shape[1] - 1)
+    (u0, v0), stride, (top, _, left, _) = one.support.origin_uv[h].astype(int), one.support.stride, one.totals.box[h]
+    rows = np.clip(v0 + stride * (top + i), 0, image_shape[0] - 1)
+    return rows, np.clip(u0 + stride * (left + j), 0, image_shape[1] - 1)
 
 
 def _take(

@@ -47,8 +47,8 @@ class Verdict(NamedTuple):
 
 
 def verify(
-    hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps, camera: Camera, tolerances: Tolerances,
-    size: int, jump: float | None, others: Sequence[OtherView] = (),
+    hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps | SeenBy, camera: Camera,
+    tolerances: Tolerances, size: int, jump: float | None, others: Sequence[OtherView] = (),
 ) -> tuple[Verdict, Float[np.ndarray, "hypotheses 2"], int]:
     """Renders every hypothesis and compares. Returns the verdicts, window origins [px] and the stride [px].
 

@@ -28,7 +28,7 @@ def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
     The weight is there because a bin is often much darker than what lies in it, and larger. 0 where no pixel is
     interpretable.
     """
-    return mode_of_albedo(jnp.asarray(needle.albedo), jnp.asarray(needle.interpretable))
+    return mode_of_albedo(needle.albedo, needle.interpretable)
 
 
 @kept()

@@ -43,39 +43,63 @@ def connected(
     mask: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None, sensor: Sensor,
     cut: Bool[np.ndarray, "neighbours height width"] | None = None,
 ) -> Int[np.ndarray, "height width"]:
-    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it."""
-    index = np.full(mask.shape, NO_REGION)
-    index[mask] = np.arange(mask.sum())
+    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it.
+
+    Pixels of a row that hang together are one node of the graph: there are far fewer of them than of pixels.
+    """
     limit = np.inf if depth is None else depth_step_limit(depth, mask, sensor)
-    pairs = [
-        _linked(index, depth, rows, columns, limit, None if cut is None else cut[k])
+    z = None if depth is None else depth.astype(np.float64)
+    row, *rest = (
+        _linked(mask, z, rows, columns, limit, None if cut is None else cut[k])
         for k, (rows, columns) in enumerate(NEIGHBOURS)
-    ]
+    )
+    first = mask.copy()
+    first[:, 1:] &= ~row
+    node = np.cumsum(first, dtype=np.int32).reshape(mask.shape) - 1
+    pairs = [_pairs(node, links, columns) for links, (_, columns) in zip(rest, NEIGHBOURS[1:], strict=True)]
     i, j = np.concatenate(pairs, axis=1)
-    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(mask.sum(), mask.sum()))
+    nodes = int(first.sum())
+    graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(nodes, nodes))
     labels = np.full(mask.shape, NO_REGION)
-    labels[mask] = connected_components(graph, directed=False)[1] if mask.any() else 0
+    labels[mask] = connected_components(graph, directed=False)[1][node[mask]] if nodes else 0
     return labels
 
 
 def _linked(
-    index: Int[np.ndarray, "height width"],
+    mask: Bool[np.ndarray, "height width"],
     depth: Float[np.ndarray, "height width"] | None,
     rows: int,
     columns: int,
     limit: float,
     cut: Bool[np.ndarray, "height width"] | None,
-) -> Int[np.ndarray, "2 pairs"]:
-    """Pairs of neighbours that belong together: both in the mask, no step between (an unknown depth makes none)."""
-    height, width = index.shape
-    left, right = max(0, -columns), width - max(0, columns)
-    here = (slice(0, height - rows), slice(left, right))
-    there = (slice(rows, height), slice(left + columns, right + columns))
-    both = (index[here] >= 0) & (index[there] >= 0)
+) -> Bool[np.ndarray, "height2 width2"]:
+    """Where a pixel and this neighbour of it belong together: both in the mask, no step between (an unknown depth makes
+    none).
+    """
+    here, there = _sides(mask.shape, rows, columns)
+    both = mask[here] & mask[there]
     if cut is not None:
         both &= ~cut[here]
     if depth is not None:
-        known = (depth[here] > 0.0) & (depth[there] > 0.0)
-        step = np.abs(depth[here].astype(np.float64) - depth[there])
-        both &= ~known | (step <= limit * np.hypot(rows, columns))
-    return np.stack([index[here][both], index[there][both]])
+        apart = np.abs(depth[here] - depth[there]) > limit * np.hypot(rows, columns)
+        both &= ~(apart & (depth[here] > 0.0) & (depth[there] > 0.0))
+    return both
+
+
+def _pairs(
+    node: Int[np.ndarray, "height width"], links: Bool[np.ndarray, "height2 width2"], columns: int
+) -> Int[np.ndarray, "2 pairs"]:
+    """The nodes of pixels that are linked to a neighbour in the next row, each pair at least once."""
+    here, there = _sides(node.shape, 1, columns)
+    pairs = np.stack([node[here][links], node[there][links]])
+    new = np.ones(pairs.shape[1], bool)
+    new[1:] = (pairs[:, 1:] != pairs[:, :-1]).any(axis=0)
+    return pairs[:, new]
+
+
+def _sides(shape: tuple[int, ...], rows: int, columns: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The pixels that have this neighbour, and these neighbours."""
+    height, width = shape
+    left, right = max(0, -columns), width - max(0, columns)
+    here = (slice(0, height - rows), slice(left, right))
+    return here, (slice(rows, height), slice(left + columns, right + columns))

@@ -30,23 +30,25 @@ def added_by_third_order(
     """
     steps = np.arange(-radius, radius + 1.0)
     m2, m4 = (steps**2).mean(), (steps**4).mean()  # a least-squares slope has m4/m2 of u^3, m2 of u v^2
-    uu, uv, vv = bend.T
-    added = np.zeros_like(slope)
+    (p, q), (uu, uv, vv), (x, y) = (np.ascontiguousarray(a.T) for a in (slope, bend, sight))
+    over_u, over_v = np.zeros_like(p), np.zeros_like(p)
     for _ in range(ROUNDS):
-        c_u, c_v = _along_sight((slope - added) * scale[:, None], sight).T
+        c_u, c_v = _along_sight((p - over_u) * scale, (q - over_v) * scale, x, y)
         k_u, k_v = uu * c_u + uv * c_v, uv * c_u + vv * c_v
         uuu, vvv = 3.0 * uu * k_u, 3.0 * vv * k_v
         uuv, uvv = uu * k_v + 2.0 * uv * k_u, vv * k_u + 2.0 * uv * k_v
-        over_u, over_v = uuu * m4 / (6.0 * m2) + uvv * m2 / 2.0, vvv * m4 / (6.0 * m2) + uuv * m2 / 2.0
-        added = scale[:, None] * np.stack([over_u, over_v], axis=-1)
-    return added
+        over_u = scale * (uuu * m4 / (6.0 * m2) + uvv * m2 / 2.0)
+        over_v = scale * (vvv * m4 / (6.0 * m2) + uuv * m2 / 2.0)
+    return np.stack([over_u, over_v], axis=-1)
 
 
-def _along_sight(slope: Float[np.ndarray, "n 2"], sight: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """c = g^-1 (d . t) of graphs with these slopes [mm per mm] along their lines of sight d."""
-    (p, q), (x, y) = slope.T, sight.T
+def _along_sight(
+    p: Float[np.ndarray, "n"], q: Float[np.ndarray, "n"], x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """c = g^-1 (d . t) of graphs with slopes p, q [mm per mm] along their lines of sight d = (x, y, 1)."""
     square = x**2 + y**2 + 1.0
     g_uu, g_vv = 1.0 + 2.0 * p * x + p**2 * square, 1.0 + 2.0 * q * y + q**2 * square
     g_uv = q * x + p * y + p * q * square
     d_u, d_v = x + p * square, y + q * square
-    return np.stack([g_vv * d_u - g_uv * d_v, g_uu * d_v - g_uv * d_u], axis=-1) / (g_uu * g_vv - g_uv**2)[:, None]
+    determinant = g_uu * g_vv - g_uv**2
+    return (g_vv * d_u - g_uv * d_v) / determinant, (g_uu * d_v - g_uv * d_u) / determinant

@@ -30,6 +30,7 @@ FLAT = 6.3
 BENT = 60.0  # of the same sum: a crease of 45 degrees or more. What curves as much is seldom flat beside.
 MOST_ADDED = 0.06  # [rad] by the third order: the fourth, unknown, is then within a degree
 LEAST_KNOWN = 0.6  # of a window's pixels; the others take the plane through their neighbours
+BLOCK = 8192  # pixels whose curvature is looked at together: their numbers stay in the cache
 LEAST_NOISE = 0.05  # of a pixel's size: what smooth surfaces depart from quadratic ones
 
 
@@ -58,9 +59,9 @@ class _Taken(NamedTuple):
     level: Float[np.ndarray, "height width"]  # the value
     side: Int[np.ndarray, "height width"]  # of the window [px]; 0 where none fits
 
-    def put(self, here: Bool[np.ndarray, "height width"], slope: np.ndarray, level: np.ndarray, side: int) -> None:
-        """Gives windows to pixels that have none."""
-        self.slope[here], self.level[here], self.side[here] = slope, level, side
+    def put(self, pixels: Int[np.ndarray, "n"], slope: np.ndarray, level: np.ndarray, side: int) -> None:
+        """Gives windows to pixels that have none, by their place in the flat image."""
+        self.slope.reshape(-1, 2)[pixels], self.level.ravel()[pixels], self.side.ravel()[pixels] = slope, level, side
 
 
 def depth_needles(
@@ -102,14 +103,15 @@ def _take_around(
 ) -> None:
     """Pixels without a window that a quadratic surface fits around take its slope, less what the third order adds."""
     here = (taken.side == 0) & allowed & _fits(fit, fit.planar - fit.curved, values.variance, 6)
-    slope, scale = fit.slope[here], values.scale[here]
-    v, u = np.nonzero(here)
-    sight = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy], axis=-1)
-    sight = np.zeros_like(sight) if camera.is_orthographic else sight
-    added = added_by_third_order(fit.radius, slope, fit.bend[here], scale, sight)
-    small = (np.abs(added * scale[:, None]) <= MOST_ADDED).all(axis=-1)
-    here[here] = small
-    taken.put(here, (slope - added)[small], fit.middle[here], 2 * fit.radius + 1)
+    pixels = np.flatnonzero(here)
+    for block in np.array_split(pixels, -(-len(pixels) // BLOCK)) if len(pixels) else ():
+        slope, scale = fit.slope.reshape(-1, 2)[block], values.scale.ravel()[block]
+        v, u = np.divmod(block, here.shape[1])
+        sight = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy], axis=-1)
+        sight = np.zeros_like(sight) if camera.is_orthographic else sight
+        added = added_by_third_order(fit.radius, slope, fit.bend.reshape(-1, 3)[block], scale, sight)
+        small = (np.abs(added * scale[:, None]) <= MOST_ADDED).all(axis=-1)
+        taken.put(block[small], (slope - added)[small], fit.middle(block[small]), 2 * fit.radius + 1)
 
 
 def _take_beside(taken: _Taken, fit: WindowFits, values: _Values) -> None:
@@ -117,17 +119,19 @@ def _take_beside(taken: _Taken, fit: WindowFits, values: _Values) -> None:
     flat = _fits(fit, fit.planar, values.variance, 3) & (fit.curved <= FLAT * values.variance)
     score = np.where(flat, fit.planar / values.variance, np.inf)
     r, (height, width) = fit.radius, score.shape
-    v, u = np.nonzero(taken.side == 0)
-    best, slope, level = np.full(len(v), np.inf), np.zeros((len(v), 2)), np.zeros(len(v))
+    pixels = np.flatnonzero(taken.side == 0)
+    v, u = np.divmod(pixels, width)
+    best, at, beside = np.full(len(pixels), np.inf), np.zeros_like(pixels), np.zeros((len(pixels), 2))
     for down, right in [(i, j) for i in (-r, 0, r) for j in (-r, 0, r) if (i, j) != (0, 0)]:
-        at = np.clip(v + down, 0, height - 1), np.clip(u + right, 0, width - 1)  # at the rim no window is full
-        better = score[at] < best
-        best = np.where(better, score[at], best)
-        slope = np.where(better[:, None], fit.slope[at], slope)
-        level = np.where(better, fit.mean[at] - fit.slope[at] @ np.array([right, down], float), level)
-    found, here = np.isfinite(best), taken.side == 0
-    here[here] = found
-    taken.put(here, slope[found], level[found], 2 * r + 1)
+        # at the rim no window is full
+        window = np.clip(v + down, 0, height - 1) * width + np.clip(u + right, 0, width - 1)
+        value = score.ravel()[window]
+        better = np.flatnonzero(value < best)
+        best[better], at[better], beside[better] = value[better], window[better], (right, down)
+    found = np.isfinite(best)
+    slope = fit.slope.reshape(-1, 2)[at[found]]
+    level = fit.mean.ravel()[at[found]] - (slope * beside[found]).sum(axis=-1)
+    taken.put(pixels[found], slope, level, 2 * r + 1)
 
 
 def _filled(

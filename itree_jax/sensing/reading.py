@@ -26,11 +26,27 @@ def read_needles(
     the material is fitted to them (`material_response`), and used where that helps. A `response` that is known already
     is used instead, and so are the normals `of_depth`.
     """
+    return corrected(first_needles(images, sensor, depth), sensor, depth, response, of_depth)
+
+
+def first_needles(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, depth: Float[np.ndarray, "height width"] | None
+) -> NeedleMap:
+    """The needle map before anything is known of the material's response."""
+    if not sensor.is_depth_camera:
+        return NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
+    if depth is None:
+        raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
+    return needles_of_depth(depth, sensor)
+
+
+def corrected(
+    needle: NeedleMap, sensor: Sensor, depth: Float[np.ndarray, "height width"] | None,
+    response: MaterialResponse | None, of_depth: DepthNeedles | None,
+) -> NeedleMap:
+    """The needle map as the material's response reads it, where one is known or a depth map tells it."""
     if sensor.is_depth_camera:
-        if depth is None:
-            raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
-        return needles_of_depth(depth, sensor)
-    needle = NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
+        return needle
     if response is None and depth is not None:
         response = response_of_depth(needle, depth, sensor, of_depth)
     return needle if response is None else apply_response(needle, response)

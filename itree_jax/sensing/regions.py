@@ -67,15 +67,14 @@ def regions(
     None: `WITHOUT_DEPTH` or `WITH_DEPTH`. Raises `ItreeError` if the sizes of needle map, depth map and region of
     interest differ.
     """
-    normals = np.asarray(needle.normals, dtype=np.float64)
+    normals = np.asarray(needle.normals)
     _check_sizes(normals, depth, sensor)
     mask = detectable(needle, sensor)
     cuts = cuts or (WITHOUT_DEPTH if depth is None else WITH_DEPTH)
     labels = connected(mask, depth, sensor, None if edges is None else _links_cut(edges, cuts, mask))
     depth = np.full(mask.shape, np.nan) if depth is None else np.where(depth > 0.0, depth, np.nan).astype(np.float64)
-    heights = _heights(depth, sensor, R_w2c)
     members = _members(labels, _least_pixels(depth, sensor))
-    found = [_describe(pixels, normals, depth, heights, sensor) for pixels in members]
+    found = [_describe(pixels, normals, depth, sensor, R_w2c) for pixels in members]
     kept = [k for k, region in enumerate(found) if region["area_mm2"] >= sensor.smallest_region]
     # NaN (no depth) last; then the larger, then the first in the image.
     kept.sort(key=lambda k: (-np.nan_to_num(found[k]["height"], nan=-np.inf), -found[k]["area_px"], k))
@@ -107,8 +106,7 @@ def added(
     members = _members(np.where(segments > 0, segments, NO_REGION), _least_pixels(z, sensor))
     if not members:
         return found
-    heights = _heights(z, sensor, R_w2c)
-    new = [(pixels, _describe(pixels, normals, z, heights, sensor)) for pixels in members]
+    new = [(pixels, _describe(pixels, normals, z, sensor, R_w2c)) for pixels in members]
     new = [(pixels, region) for pixels, region in new if region["area_mm2"] >= sensor.smallest_region]
     labels = found.labels.copy()
     for k, (pixels, _) in enumerate(new):
@@ -123,10 +121,14 @@ def added(
 
 def detectable(needle: NeedleMap, sensor: Sensor) -> Bool[np.ndarray, "height width"]:
     """Interpretable, slanted to its own viewing ray by less than the limit, and in the region of interest."""
-    normals = np.asarray(needle.normals, dtype=np.float64)
-    v, u = np.indices(normals.shape[:2])
-    toward_viewer = -sensor.camera.viewing_ray(np.stack([u, v], axis=-1).astype(np.float64))
-    mask = np.asarray(needle.interpretable) & ((normals * toward_viewer).sum(-1) > np.cos(sensor.slant_limit))
+    normals, camera = np.asarray(needle.normals), sensor.camera
+    x, y = np.zeros(camera.width), np.zeros((camera.height, 1))
+    if not camera.is_orthographic:
+        x = (np.arange(camera.width) - camera.cx) / camera.fx
+        y = (np.arange(camera.height)[:, None] - camera.cy) / camera.fy
+    toward_viewer = -(normals[..., 0] * x + normals[..., 1] * y + normals[..., 2])
+    steep = toward_viewer <= np.cos(sensor.slant_limit) * np.sqrt(x**2 + y**2 + 1.0)
+    mask = np.asarray(needle.interpretable) & ~steep
     return mask if sensor.region_of_interest is None else mask & sensor.region_of_interest
 
 
@@ -166,16 +168,17 @@ def _members(labels: Int[np.ndarray, "height width"], least_pixels: float) -> li
 
 
 def _heights(
-    depth: Float[np.ndarray, "height width"], sensor: Sensor, R_w2c: Float[np.ndarray, "3 3"] | None
-) -> Float[np.ndarray, "height width"]:
+    uv: Int[np.ndarray, "pixels 2"], z: Float[np.ndarray, "pixels"], sensor: Sensor,
+    R_w2c: Float[np.ndarray, "3 3"] | None,
+) -> Float[np.ndarray, "pixels"]:
+    """Of points at depth z [mm], above the plane at the working distance [mm]."""
     up = np.array([0.0, 0.0, -1.0]) if R_w2c is None else R_w2c[:, 2]
-    v, u = np.indices(depth.shape)
-    X_cam = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(np.float64), depth)
-    return (X_cam - np.array([0.0, 0.0, sensor.working_distance])) @ up
+    return (sensor.camera.unproject(uv.astype(np.float64), z) - np.array([0.0, 0.0, sensor.working_distance])) @ up
 
 
 def _describe(
-    pixels: Int[np.ndarray, "pixels"], normals: np.ndarray, depth: np.ndarray, heights: np.ndarray, sensor: Sensor
+    pixels: Int[np.ndarray, "pixels"], normals: np.ndarray, depth: np.ndarray, sensor: Sensor,
+    R_w2c: Float[np.ndarray, "3 3"] | None,
 ) -> dict:
     v, u = np.unravel_index(pixels, depth.shape)
     z = depth[v, u]
@@ -183,13 +186,14 @@ def _describe(
     mean_depth = float(z[known].mean()) if known.any() else np.nan
     total = normals[v, u].sum(axis=0, dtype=np.float64)
     scale = sensor.camera.mm_per_px(mean_depth if known.any() else sensor.working_distance)
+    heights = _heights(np.stack([u, v], axis=-1)[known], z[known], sensor, R_w2c)
     return {
         "area_px": len(pixels),
         "area_mm2": len(pixels) * scale**2,
         "centroid_uv": (u.mean(), v.mean()),
         "mean_normal": total / np.linalg.norm(total),
         "mean_depth": mean_depth,
-        "height": float(np.percentile(heights[v, u][known], HEIGHT_PERCENTILE)) if known.any() else np.nan,
+        "height": float(np.percentile(heights, HEIGHT_PERCENTILE)) if known.any() else np.nan,
         "bbox": (u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1),
     }
 

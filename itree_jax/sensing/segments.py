@@ -54,25 +54,30 @@ class HeldBy:
 
 
 def held_by(
-    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor
+    labels: Int[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"], sensor: Sensor,
+    segments: Int[np.ndarray, "height width"] | None = None,
 ) -> HeldBy:
-    """The segments that hold these regions; a region of which no pixel is on a segment stands for one itself."""
+    """The segments that hold these regions; a region of which no pixel is on a segment stands for one itself.
+
+    `segments`: those of the depth map, if they are known already.
+    """
     camera, count = sensor.camera, int(labels.max(initial=-1)) + 1
-    segments = depth_segments(depth, sensor)
-    inside = labels >= 0
-    votes: Int[np.ndarray, "regions segments"] = np.zeros((count, int(segments.max()) + 1), int)
-    np.add.at(votes, (labels[inside], segments[inside]), 1)
+    segments = depth_segments(depth, sensor) if segments is None else segments
+    inside, some = labels >= 0, int(segments.max()) + 1
+    votes = np.bincount(labels[inside] * some + segments[inside], minlength=count * some).reshape(count, some)
     votes[:, 0] = 0
     most = votes.argmax(axis=1)
-    most[most == 0] = votes.shape[1] + np.flatnonzero(most == 0)
-    surface = np.where(np.isin(segments, most), segments, 0)
-    for region in np.flatnonzero(most >= votes.shape[1]):
-        surface[labels == region] = most[region]
-    surface[depth <= 0] = 0
-    v, u = np.nonzero(surface)
+    most[most == 0] = some + np.flatnonzero(most == 0)
+    number = np.unique(most)
+    place = np.full(some + count, -1)
+    place[number] = np.arange(len(number))
+    held = place[segments]
+    for region in np.flatnonzero(most >= some):
+        held[labels == region] = place[most[region]]
+    v, u = np.nonzero((held >= 0) & (depth > 0))
     X_cam = camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[v, u].astype(float))
-    number, of = np.unique(surface[v, u], return_inverse=True)
-    pixels = np.maximum(np.bincount(of), 1)
-    mean = np.stack([np.bincount(of, X_cam[:, k]) for k in range(3)], axis=-1) / pixels[:, None]
+    of = held[v, u]
+    pixels = np.maximum(np.bincount(of, minlength=len(number)), 1)
+    mean = np.stack([np.bincount(of, x, len(number)) for x in X_cam.T], axis=-1) / pixels[:, None]
     at = np.searchsorted(number, most)
     return HeldBy(most, pixels[at] * np.square(camera.mm_per_px(mean[at, 2])), mean[at])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 
 class WindowFits(NamedTuple):
@@ -27,11 +27,10 @@ class WindowFits(NamedTuple):
     def pixels(self) -> int:
         return (2 * self.radius + 1) ** 2
 
-    @property
-    def middle(self) -> Float[np.ndarray, "height width"]:
-        """The quadric's value in the middle of the window."""
-        square = _spreads(self.radius)[0]
-        return self.mean - 0.5 * square * (self.bend[..., 0] + self.bend[..., 2])
+    def middle(self, pixels: Int[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """The quadric's value in the middle of the windows around pixels, by their place in the flat image."""
+        square, bend = _spreads(self.radius)[0], self.bend.reshape(-1, 3)[pixels]
+        return self.mean.ravel()[pixels] - 0.5 * square * (bend[:, 0] + bend[:, 2])
 
 
 def _spreads(radius: int) -> tuple[float, float]:

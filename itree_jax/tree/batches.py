@@ -12,6 +12,7 @@ import numpy as np
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 
 def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -20,6 +21,13 @@ def on_all_cores(function: Callable[[Item], Result], items: Iterable[Item]) -> l
     An error of one is raised when its turn comes. Items must not share a random generator.
     """
     return list(streamed(function, items))
+
+
+def at_once(first: Callable[[], Result], second: Callable[[], Other]) -> tuple[Result, Other]:
+    """The results of two computations that don't wait for each other."""
+    with ThreadPoolExecutor(1) as pool:
+        beside = pool.submit(second)
+        return first(), beside.result()
 
 
 def streamed(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

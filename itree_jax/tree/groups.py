@@ -7,6 +7,7 @@ labels that exist only at the borders of others join them (see `borders`).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from itree_cad.face_permutations import face_permutations
@@ -68,7 +69,7 @@ class AttitudeGroups:
     def view_count(self) -> Int[np.ndarray, "groups"]:
         return np.bincount(self.group_of_view, minlength=self.group_count)
 
-    @property
+    @cached_property
     def label_strings(self) -> tuple[str, ...]:
         """One per group, such as "11100000"."""
         return tuple(label_string(label) for label in self.group_labels)

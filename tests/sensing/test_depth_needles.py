@@ -152,7 +152,7 @@ def test_the_fits_of_a_window_are_least_squares():
     terms = np.stack([np.ones(25), *(a.ravel() for a in (u, v, u * u / 2, u * v, v * v / 2))], axis=-1)
     around = value[3:8, 4:9].ravel()
     quadric, planar = (np.linalg.lstsq(terms[:, :k], around, rcond=None) for k in (6, 3))
-    np.testing.assert_allclose(fit.middle[5, 6], quadric[0][0])
+    np.testing.assert_allclose(fit.middle(np.array([5 * fit.mean.shape[1] + 6])), quadric[0][0])
     np.testing.assert_allclose(fit.slope[5, 6], quadric[0][1:3])
     np.testing.assert_allclose(fit.slope[5, 6], planar[0][1:])
     np.testing.assert_allclose(fit.bend[5, 6], quadric[0][3:])

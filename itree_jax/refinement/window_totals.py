@@ -1,0 +1,47 @@
+"""What weighed windows come to: sums over each window, and the part of it that is not empty."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from itree_jax.refinement.likelihood import Support
+
+
+class Totals(NamedTuple):
+    """Of each window of a `Support`. They stay what they are in whatever company a pose is judged."""
+
+    spoken_for: Float[np.ndarray, "h"]  # nats of the pixels that speak for the pose
+    spoken_against: Float[np.ndarray, "h"]  # nats of those that contradict it
+    agreeing: Int[np.ndarray, "h"]  # pixels that speak for the pose
+    hidden: Int[np.ndarray, "h"]  # pixels behind something nearer
+    box: Int[np.ndarray, "h 4"]  # first and end row, first and end column of what isn't empty
+
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Totals":
+        return Totals(*(values[index] for values in self))
+
+    def joined(self, other: "Totals") -> "Totals":
+        """Both lists, one after the other."""
+        return Totals(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+
+def totals(support: Support) -> Totals:
+    """The sums of all windows, one window after the other: it stays in the cache meanwhile."""
+    windows = [
+        (
+            np.maximum(pixels, 0.0).sum(), -np.minimum(pixels, 0.0).sum(), np.count_nonzero(pixels > 0),
+            np.count_nonzero(hidden), box(support, h),
+        )
+        for h, (pixels, hidden) in enumerate(zip(support.pixels, support.hidden, strict=True))
+    ]  # fmt: skip
+    if not windows:
+        none = np.zeros(0, support.pixels.dtype)
+        return Totals(none, none, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int))
+    return Totals(*(np.array(values) for values in zip(*windows, strict=True)))
+
+
+def box(support: Support, h: int) -> tuple[int, int, int, int]:
+    """Rows and columns of a window between which all of it lies that isn't empty."""
+    there = (support.pixels[h] != 0) | (support.at_steps[h] != 0) | support.hidden[h]
+    rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+    return (int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1) if len(rows) else (0, 0, 0, 0)
