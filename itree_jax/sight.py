@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from itree_kernels.scene_maps import SeenBy
 from jaxtyping import Bool, Float, Int
@@ -21,7 +22,7 @@ from itree_jax.sensing.reading import corrected, first_needles, read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
-from itree_jax.stereo.dual_stereo import dual_photometric_stereo
+from itree_jax.stereo.dual_stereo import WINDOW, dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.batches import at_once
 
@@ -156,7 +157,7 @@ def look_with_two(
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
     found = regions(placed, depth, sensor, R_w2c)
     edges = scene_edges(images, sensor, needle)
-    observed = observe_images(images, sensor, needle, depth, edges)
+    observed = observe_images(images, sensor, needle, away_from_steps(depth, sensor), edges)
     lit = lit_by_any(images, sensor, needle)
     soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
     coarse = observed._replace(depth=on_device(soft, np.float32))
@@ -171,6 +172,22 @@ def look_with_two(
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
         soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
     )  # fmt: skip
+
+
+def away_from_steps(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> Float[np.ndarray, "height width"]:
+    """A depth map of matched windows [mm] (0 = none) without what lies within half a window of its steps.
+
+    Where one of two parallel faces hides part of the other no light shows the border: windows that see both go with
+    either, and needles carry that on. On which side such a pixel lies is not known.
+    """
+    there = depth > 0.0
+    around = np.ones((3, 3), np.uint8)
+    farthest = cv2.dilate(depth, around)
+    nearest = cv2.erode(np.where(there, depth, np.float32(np.inf)), around)
+    jump = depth_jump(sensor.camera, sensor.working_distance, STEREO_NOISE)
+    step = there & (farthest - nearest > jump)
+    unsure = cv2.dilate(step.astype(np.uint8), np.ones((WINDOW, WINDOW), np.uint8)) > 0
+    return np.where(unsure, np.float32(0.0), depth)
 
 
 def look_with_one(

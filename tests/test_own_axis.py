@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.answers import Interpretation
 from itree_jax.narrowing import judge
-from itree_jax.own_axis import CLOSE_STEPS, turned_to_likeliest
+from itree_jax.own_axis import FINER, turned_to_likeliest
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.optimise import Hypotheses
@@ -64,14 +64,14 @@ def test_a_pose_turned_about_its_axis_is_turned_back_from_anywhere(read, degrees
     wrong = turned(answer, sight, np.radians(degrees))
     assert degrees_between(wrong, answer) > 26.0
     right = turned_to_likeliest(wrong, sight)
-    assert degrees_between(right, answer) < 0.5 * 360.0 / CLOSE_STEPS + 0.5
+    assert degrees_between(right, answer) < np.degrees(FINER[1] - FINER[0])
 
 
 def test_a_right_pose_stays_as_it_is(read):
     answer, sight = read
     right = turned(answer, sight, 0.0)
     again = turned_to_likeliest(right, sight)
-    assert degrees_between(again, answer) < 0.5
+    assert degrees_between(again, answer) < np.degrees(FINER[1] - FINER[0])
     assert len(again.selection.accepted) == 1
 
 

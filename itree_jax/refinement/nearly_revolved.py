@@ -27,11 +27,11 @@ def revolved_axis(part: Part) -> Axis | None:
     return axes[best] if axes and turning[best] >= LEAST_TURNING else None
 
 
-def turns_about(axis: Axis, steps: int) -> Float[np.ndarray, "turns 4 4"]:
-    """All around it in equal steps, model -> model [mm]; the identity left out."""
+def turns_about(axis: Axis, angles: Float[np.ndarray, "turns"]) -> Float[np.ndarray, "turns 4 4"]:
+    """Turns by these angles [rad], model -> model [mm]."""
     direction, point = axis
-    T = np.tile(np.eye(4), (steps - 1, 1, 1))
-    T[:, :3, :3] = Rotation.from_rotvec(2.0 * np.pi / steps * np.arange(1, steps)[:, None] * direction).as_matrix()
+    T = np.tile(np.eye(4), (len(angles), 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(angles[:, None] * direction).as_matrix()
     T[:, :3, 3] = point - T[:, :3, :3] @ point
     return T
 
