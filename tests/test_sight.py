@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from itree_jax.recognised_response import LEAST_PARTS, responses_of_parts, shown_normals
 from itree_jax.sensing.edges import EdgeLabel, scene_edges
 from itree_jax.sensing.near_lights import lights_of
-from itree_jax.sight import CREASE, EDGE_REACH, Sight, look
+from itree_jax.sight import CREASE, EDGE_REACH, Sight, away_from_steps, look
+from itree_jax.stereo.dual_stereo import WINDOW
 
 from .stereo.two_views import CAMERA, DISTANCE, TwoViews, as_mesh, converging, two_views
 
@@ -44,9 +45,12 @@ def by_two(matte) -> Sight:
 
 def test_two_cameras_see_depth_where_needles_are(matte, by_two):
     assert by_two.found.count >= 2
-    depth, region = np.asarray(by_two.observed.depth), by_two.found.labels >= 0
+    depth, region = by_two.depth, by_two.found.labels >= 0
     assert (depth[region] > 0).all()
     assert np.median(np.abs(depth - matte.lit.depth)[region]) < 1.0
+    judged_by = np.asarray(by_two.observed.depth)
+    assert (judged_by[region] > 0).mean() > 0.5
+    np.testing.assert_array_equal(judged_by[judged_by > 0], depth[judged_by > 0])
     part = (matte.lit.instance < 2) & np.asarray(by_two.needle.interpretable)
     assert region[part].mean() > 0.8
     centre = by_two.held.centre
@@ -56,6 +60,17 @@ def test_two_cameras_see_depth_where_needles_are(matte, by_two):
     assert 0.3 < by_two.shared < 1.0
     assert by_two.edge_reach == EDGE_REACH
     assert by_two.crease == CREASE
+
+
+def test_depth_within_half_a_window_of_a_step_is_left_out(matte):
+    depth = np.full((40, 60), 900.0, np.float32)
+    depth[:, 30:], depth[:5] = 880.0, 0.0
+    kept = away_from_steps(depth, matte.sensor)
+    unsure = np.zeros(depth.shape, bool)
+    unsure[5:, 29 - WINDOW // 2 : 31 + WINDOW // 2] = True
+    np.testing.assert_array_equal(kept, np.where(unsure, 0.0, depth))  # where depth ends no window went with another
+    slope = (900.0 + 0.5 * np.arange(60) * np.ones((40, 1))).astype(np.float32)
+    np.testing.assert_array_equal(away_from_steps(slope, matte.sensor), slope)
 
 
 def test_the_other_view_is_of_the_same_scene(matte, by_two):
