@@ -43,9 +43,9 @@ def scene(R_true=R, t_true=T, floor=950.0, noise=0.3, mesh=MESH):
     return observe(normals.astype(np.float32), hit.astype(np.float32), z.astype(np.float32), JUMP)
 
 
-def weighed(observed, *poses, model=MODEL):
+def weighed(observed, *poses, model=MODEL, errors=ERRORS):
     R_all, t_all = (np.stack(values).astype(np.float32) for values in zip(*poses, strict=True))
-    return support(Hypotheses(R_all, t_all), model, observed, CAMERA, ERRORS, JUMP, size=128)
+    return support(Hypotheses(R_all, t_all), model, observed, CAMERA, errors, JUMP, size=128)
 
 
 def total(one):
@@ -117,3 +117,17 @@ def test_where_a_step_lies_tells_a_pose_from_its_half_turn(beside):
     silent = found._replace(at_steps=np.zeros_like(found.at_steps))
     assert abs(likelihood_ratio(silent, 0, 1)) < 20.0
     assert not ((found.at_steps != 0.0) & (found.pixels != 0.0)).any()
+
+
+@pytest.mark.parametrize("seen", ["depth", "needles alone"])
+def test_pixels_beside_steps_have_a_say_where_contours_are_edges_of_images_too(seen):
+    """A pose that leaves them out would lose to its half turn, which shows plain surface there."""
+    model, down = ridged(4.0), Rotation.from_euler("xyz", [179.0, 0.5, 7.0], degrees=True).as_matrix()
+    maps = scene(down, T, mesh=model.mesh)
+    if seen == "needles alone":
+        maps = maps._replace(depth=jnp.zeros_like(maps.depth))
+    found = weighed(maps, (down, T), model=model, errors=ERRORS._replace(edge=jnp.float32(2.0)))
+    told = found.at_steps != 0.0
+    assert told.sum() > 100
+    assert not (told & (found.pixels != 0.0)).any()
+    assert np.median(found.at_steps[told]) > 0.0
