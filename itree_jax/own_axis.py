@@ -48,13 +48,13 @@ def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
 
 
 def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> RegionHypotheses:
-    """Of a single pose as it is and of all its turns: the one under which the scene is likeliest, and the likeliest of
-    those that are another pose; each turned on a little where that makes the scene likelier still.
+    """Of a single pose as it is and of all its turns: the one under which the scene is likeliest, turned on a little
+    where that makes it likelier still, and the likeliest of those that are another pose.
     """
     every, nats = turned(pose, STEP * np.arange(round(2.0 * np.pi / STEP)), prepared, sight, plan)
-    two = every.take(best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter))
-    closer = [turned(two.take(np.array([k])), FINER, prepared, sight, plan) for k in range(len(two.region))]
-    return reduce(joined, [near.take(np.array([np.argmax(nats)])) for near, nats in closer])
+    first, *second = best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter)
+    close, nats = turned(every.take(np.array([first])), FINER, prepared, sight, plan)
+    return joined(close.take(np.array([np.argmax(nats)])), every.take(np.array(second, int)))
 
 
 def turned(

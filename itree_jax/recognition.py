@@ -52,7 +52,7 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_SMALL = "it is much smaller than the part's regions"
-AGAIN = slice(2, None)  # rounds that poses go through twice: the first time many stop on the way
+AGAIN = slice(2, None)  # rounds that poses go through twice without a depth map: at first many stop on the way
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
@@ -266,7 +266,8 @@ def interpret(
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, places, measured.R_ray_cam))
     plan = sight.plan(tree.part.diameter, tree.spacing)
     hypotheses = narrow(hypotheses, prepared, sight, plan.rounds, plan, beam.keep)
-    hypotheses = narrow(hypotheses, prepared, sight, plan.rounds[AGAIN], plan, beam.keep[AGAIN])
+    if sight.kind != "depth":
+        hypotheses = narrow(hypotheses, prepared, sight, plan.rounds[AGAIN], plan, beam.keep[AGAIN])
     judged = judge(hypotheses, prepared, sight, plan)
     selection = select(judged, prepared, hypotheses, sight)
     answer = Interpretation(

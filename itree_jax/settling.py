@@ -13,6 +13,7 @@ from itree_jax.refinement.optimise import refine
 from itree_jax.sight import Sight
 
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
+TURNS = 2  # how far a part is turned about its own axis is told better by a pose that was polished since
 
 
 def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
@@ -23,10 +24,12 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
             break
         answers = compete(more, sight)
     answers = compete([polished(a, sight) for a in answers], sight)
-    turned = [turned_to_likeliest(a, sight) for a in answers]
-    if all(new is old for new, old in zip(turned, answers, strict=True)):
-        return answers
-    return compete([polished(a, sight) for a in compete(turned, sight)], sight)
+    for _ in range(TURNS):
+        turned = [turned_to_likeliest(a, sight) for a in answers]
+        if all(new is old for new, old in zip(turned, answers, strict=True)):
+            break
+        answers = compete([polished(a, sight) for a in compete(turned, sight)], sight)
+    return answers
 
 
 def polished(answer: Interpretation, sight: Sight) -> Interpretation:
