@@ -7,11 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from itree_jax.answers import Interpretation
+from itree_jax.challenge import plan_of
 from itree_jax.narrowing import judge
-from itree_jax.own_axis import FINER, turned_to_likeliest
+from itree_jax.own_axis import FINER, likeliest_turns, turned_to_likeliest
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.sight import Sight
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
@@ -79,3 +81,14 @@ def test_other_parts_are_left_alone(read):
     answer, sight = read
     other = replace(answer, prepared=replace(answer.prepared, own_axis=None))
     assert turned_to_likeliest(other, sight) is other
+
+
+def test_of_two_turns_that_compete_one_is_another_pose(read, prepared):
+    """Else the likelier of two names of one pose would win, not the likelier pose."""
+    answer, sight = read
+    pose = turned(answer, sight, np.radians(3.0)).hypotheses
+    two = likeliest_turns(pose, prepared, sight, plan_of(answer, sight))
+    R, t = (np.asarray(a, float) for a in two.poses)
+    apart = same_part_distance(R[1:], t[1:], R[0], t[0], prepared.symmetries, prepared.model.diameter)
+    assert apart.shape == (1,)
+    assert apart[0] > (NEARLY_SAME - 0.5 * FINER.max()) * prepared.model.diameter  # the first was turned on since

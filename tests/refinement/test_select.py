@@ -161,6 +161,19 @@ def test_a_close_rival_takes_belief_unless_the_others_exclude_it():
     assert excluded.score[0] == pytest.approx(alone.score[0])
 
 
+def test_a_pose_that_a_rival_beats_by_far_is_no_answer_though_the_rival_is_none_either():
+    """The rival explains pixels that belong to a better pose elsewhere; what it beats is no likelier for that."""
+    masks = [block(columns=slice(0, 20)), block(columns=slice(10, 30)), block(columns=slice(20, 40))]
+    nats = (GOOD + 1.0, GOOD, FAIR)
+    assert chosen(judged(masks, nats)).accepted.tolist() == [0, 2]
+    near = np.zeros((3, 3), bool)
+    near[1, 2] = near[2, 1] = True
+    found = chosen(judged(masks, nats, near=near))
+    assert found.accepted.tolist() == [0]
+    assert found.reason[1] == "a better pose explains the same pixels"
+    assert found.reason[2] == "it is improbable beside the accepted poses"
+
+
 def test_the_reason_is_empty_just_where_a_pose_is_accepted():
     rng = np.random.default_rng(0)
     masks = rng.uniform(size=(40, SIZE, SIZE)) < rng.uniform(0.2, 1, (40, 1, 1))
