@@ -33,13 +33,14 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
 
 
 def polished(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The accepted poses and their rivals, refined once more where the depth map's pixels err independently.
+    """The accepted poses and their rivals, refined once more at the image's own resolution.
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
-    kept where the pose explains the scene better than before.
+    kept where the pose explains the scene better than before. Without a depth map it takes the poses to where they
+    stop: what else two of them differ by would be held for evidence (experiments/refinement_nats.py).
     """
     plan, accepted = plan_of(answer, sight), answer.selection.accepted
-    if plan.last is None or not len(accepted):
+    if not len(accepted):
         return answer
     close = [others for others, _ in answer.selection.rivals]
     tried = np.unique(np.concatenate([accepted, *close]))

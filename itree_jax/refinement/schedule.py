@@ -42,9 +42,9 @@ class Schedule:
 
     rounds: tuple[Round, ...]  # of the candidates
     turned: tuple[Round, ...]  # of accepted poses turned about their main axes
-    last: Stage | None  # of the answers and their rivals, where a depth map's pixels may err independently
+    last: Stage  # of the answers and their rivals, at the image's resolution
     deviations: Deviations
-    independent: Deviations  # the same, but no bias of depth
+    independent: Deviations  # of the last stage: a depth map's pixels may err independently
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
@@ -111,7 +111,11 @@ def schedule(
     reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, edge)
     errors = SensorErrors(*(np.asarray(v, np.float32) for v in reckoned))
     deviations = Deviations(*(np.asarray(v, np.float32) for v in values))
-    independent = deviations._replace(depth_bias=np.zeros((), np.float32))
-    narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
-    last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate)) if edge == 0.0 else None
+    if edge == 0.0:
+        independent = deviations._replace(depth_bias=np.zeros((), np.float32))
+        narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
+        last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
+    else:  # matched depth errs together over whole faces: no reason to believe it more
+        independent = deviations
+        last = Stage(6, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
     return Schedule(rounds, turned, last, deviations, independent, errors, jump, 96)
