@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.challenge import challenged, challengers, others_than, shown_at
+from itree_jax.challenge import challenged, challengers, others_than, plan_of, shown_at
 from itree_jax.narrowing import judge
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
@@ -139,6 +139,10 @@ def test_polishing_leaves_alone_what_it_would_make_less_likely(read):
     assert after.judged.log_likelihood[after.selection.accepted].max() >= before
 
 
-def test_without_a_depth_map_nothing_is_polished(read):
+@pytest.mark.parametrize("edge_reach", [0.0, 2.0])
+def test_only_a_depth_maps_pixels_are_taken_to_err_independently_at_last(read, edge_reach):
     answer, sight, _ = read
-    assert polished(answer, replace(sight, observed=sight.observed, edge_reach=2.0)) is answer
+    plan = plan_of(answer, replace(sight, edge_reach=edge_reach))
+    assert plan.deviations.depth_bias > 0.0
+    assert plan.independent.depth_bias == (plan.deviations.depth_bias if edge_reach else 0.0)
+    assert plan.last.size > plan.rounds[-1].stage.size
