@@ -60,6 +60,22 @@ def challengers(
     return narrow(both, prepared, sight, plan.turned[-1:], plan, [MOST_AS_THEY_ARE]) if len(both.region) else both
 
 
+def beside_turned(answer: Interpretation, sight: Sight) -> Interpretation:
+    """The interpretation with the turned poses of all accepted ones that fit best as they are.
+
+    Those that an accepted pose met before it was refined last are no match for it any more.
+    """
+    prepared, accepted = answer.prepared, answer.selection.accepted
+    if not len(accepted) or not len(prepared.turns):
+        return answer
+    plan = plan_of(answer, sight)
+    poses = answer.hypotheses.take(accepted)._replace(region=np.arange(len(accepted)))
+    turned = turned_about_axes(poses, prepared.turns)
+    closest = others_than(poses, turned.take(best_as_they_are(turned, prepared, sight, plan)), prepared)
+    closest = closest._replace(region=answer.hypotheses.region[accepted][closest.region])
+    return with_more(answer, closest, judge(closest, prepared, sight, plan), sight)
+
+
 def best_as_they_are(
     hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> Int[np.ndarray, "kept"]:

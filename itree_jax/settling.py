@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from itree_jax.answers import Interpretation
-from itree_jax.challenge import challenged, plan_of, with_more
+from itree_jax.challenge import beside_turned, challenged, plan_of, with_more
 from itree_jax.competition import compete
 from itree_jax.narrowing import judge
 from itree_jax.own_axis import turned_to_likeliest
@@ -23,6 +23,8 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
         if all(new is old for new, old in zip(more, answers, strict=True)):
             break
         answers = compete(more, sight)
+    answers = compete([polished(a, sight) for a in answers], sight)
+    answers = compete([beside_turned(a, sight) for a in answers], sight)
     answers = compete([polished(a, sight) for a in answers], sight)
     for _ in range(TURNS):
         turned = [turned_to_likeliest(a, sight) for a in answers]
