@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.challenge import challenged, challengers, others_than, plan_of, shown_at
+from itree_jax.challenge import beside_turned, challenged, challengers, others_than, plan_of, shown_at
 from itree_jax.narrowing import judge
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
@@ -146,3 +146,20 @@ def test_only_a_depth_maps_pixels_are_taken_to_err_independently_at_last(read, e
     assert plan.deviations.depth_bias > 0.0
     assert plan.independent.depth_bias == (plan.deviations.depth_bias if edge_reach else 0.0)
     assert plan.last.size > plan.rounds[-1].stage.size
+
+
+def test_at_last_an_accepted_pose_meets_itself_turned_as_exact_as_it_is(prepared, read):
+    """Rivals that were refined less are beaten for that alone."""
+    answer, sight, _ = read
+    alone = only(answer, sight, *best(answer))
+    met = replace(alone, hypotheses=alone.hypotheses._replace(challenged=np.ones(1, bool)))
+    assert challenged(met, sight) is met
+    more = beside_turned(met, sight)
+    R, t = (np.asarray(a, float)[1:] for a in more.hypotheses.poses)
+    turned = turned_about_axes(alone.hypotheses, prepared.turns).poses
+    assert len(t) >= 1
+    for R_k, t_k in zip(R, t, strict=True):
+        same = np.abs(np.asarray(turned.R_cam_obj) - R_k).max(axis=(1, 2)) + np.abs(turned.t_cam_obj - t_k).max(axis=1)
+        assert same.min() < 1e-5
+    nothing = replace(met, selection=replace(met.selection, accepted=np.zeros(0, int)))
+    assert beside_turned(nothing, sight) is nothing
