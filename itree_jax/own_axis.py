@@ -26,7 +26,7 @@ from itree_jax.refinement.select import likelihood_ratio
 from itree_jax.sight import Sight
 
 STEP = np.radians(5.0)  # of the search all around
-FINER = STEP / 4.0 * np.arange(-2, 3)  # beside the likeliest turns: only a depth map lets refinement feel so little
+FINER = STEP / 4.0 * np.arange(-2, 3)  # beside the likeliest turn: only a depth map lets refinement feel so little
 
 
 def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:

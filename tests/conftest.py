@@ -39,6 +39,24 @@ def paper_tree(paper_tree_file: Path):
 
 
 @pytest.fixture(scope="session")
+def paper_part_on_a_table(paper_tree):
+    """A scene of the paper's part alone, 240 x 200 px with a depth map, and its true pose."""
+    from dataclasses import replace
+
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from itree_jax.simulate.bin import Bin
+    from itree_jax.simulate.imaging import image_bin
+
+    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 50], degrees=True).as_matrix(), (0.0, 0.0, 25.0)
+    scene, truth = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    return scene, truth[0]
+
+
+@pytest.fixture(scope="session")
 def tree_of_the_paper(tmp_path_factory: pytest.TempPathFactory):
     """The paper's part as the paper compiles it: orthographic camera, rules in order, regions that nothing cuts."""
     from itree_jax.tree.tree_file import load_tree

@@ -7,15 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from itree_jax.challenge import beside_turned, challenged, challengers, others_than, plan_of, shown_at
-from itree_jax.narrowing import judge
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.hypotheses import joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.settling import polished, settled
-from itree_jax.simulate.bin import Bin
-from itree_jax.simulate.imaging import image_bin
+
+from .accepted import only
 
 
 @pytest.fixture(scope="module")
@@ -24,28 +23,11 @@ def prepared(paper_tree):
 
 
 @pytest.fixture(scope="module")
-def read(paper_tree, prepared):
+def read(paper_part_on_a_table, prepared):
     """What is recognised of one part on a table, the sight, and the true pose."""
-    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 50], degrees=True).as_matrix(), (0.0, 0.0, 25.0)
-    scene, truth = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    scene, truth = paper_part_on_a_table
     answers, sight = read_scene(as_forest(prepared), scene.images, scene.sensor, scene.depth, scene.R_w2c)
-    return answers[0], sight, truth[0]
-
-
-def only(answer, sight, R, t):
-    """The interpretation as if the tree had led to this pose alone, and it were accepted."""
-    h = answer.selection.accepted[:1]
-    poses = Hypotheses(np.asarray(R, np.float32)[None], np.asarray(t, np.float32)[None])
-    hypotheses = answer.hypotheses.take(h)._replace(poses=poses, challenged=np.zeros(1, bool))
-    tree = answer.prepared.tree
-    judged = judge(hypotheses, answer.prepared, sight, sight.plan(tree.part.diameter, tree.spacing))
-    chosen = replace(
-        answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),
-        rivals=((np.zeros(0, int), np.zeros(0)),),
-    )
-    return replace(answer, hypotheses=hypotheses, judged=judged, selection=chosen)
+    return answers[0], sight, truth
 
 
 def turn_between(R, S) -> float:

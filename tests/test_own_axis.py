@@ -8,15 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import plan_of
-from itree_jax.narrowing import judge
 from itree_jax.own_axis import FINER, likeliest_turns, turned_to_likeliest
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import as_forest, read_scene
-from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.sight import Sight
-from itree_jax.simulate.bin import Bin
-from itree_jax.simulate.imaging import image_bin
+
+from .accepted import only
 
 AXIS = np.array([0.0, 0.6, 0.8]), np.array([2.0, -1.0, 3.0])
 
@@ -28,30 +26,19 @@ def prepared(paper_tree) -> Prepared:
 
 
 @pytest.fixture(scope="module")
-def read(paper_tree, prepared):
+def read(paper_part_on_a_table, prepared):
     """What is recognised of one part on a table, and the sight."""
-    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 50], degrees=True).as_matrix(), (0.0, 0.0, 25.0)
-    scene, _ = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    scene, _ = paper_part_on_a_table
     answers, sight = read_scene(as_forest(prepared), scene.images, scene.sensor, scene.depth, scene.R_w2c)
     return answers[0], sight
 
 
 def turned(answer: Interpretation, sight: Sight, angle: float) -> Interpretation:
     """The first accepted pose alone, turned about the axis by an angle [rad]."""
-    (direction, point), h = AXIS, answer.selection.accepted[:1]
-    R, t = (np.asarray(a, float)[h[0]] for a in answer.hypotheses.poses)
+    (direction, point), h = AXIS, answer.selection.accepted[0]
+    R, t = (np.asarray(a, float)[h] for a in answer.hypotheses.poses)
     about = Rotation.from_rotvec(angle * direction).as_matrix()
-    poses = Hypotheses(*((np.asarray(a, np.float32)[None]) for a in (R @ about, R @ (point - about @ point) + t)))
-    hypotheses = answer.hypotheses.take(h)._replace(poses=poses)
-    tree = answer.prepared.tree
-    judged = judge(hypotheses, answer.prepared, sight, sight.plan(tree.part.diameter, tree.spacing))
-    chosen = replace(
-        answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),
-        rivals=((np.zeros(0, int), np.zeros(0)),),
-    )
-    return replace(answer, hypotheses=hypotheses, judged=judged, selection=chosen)
+    return only(answer, sight, R @ about, R @ (point - about @ point) + t)
 
 
 def degrees_between(a: Interpretation, b: Interpretation) -> float:

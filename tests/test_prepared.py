@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.prepared import prepare
 from itree_jax.recognition import recognize
-from itree_jax.simulate.bin import Bin
-from itree_jax.simulate.imaging import image_bin
 
 ASIDE = np.array([60.0, -35.0, 20.0])  # where the other file has the part's middle [mm]
 
@@ -24,14 +22,11 @@ def elsewhere(paper_tree):
 
 
 @pytest.fixture(scope="module")
-def answers(paper_tree, elsewhere):
+def answers(paper_tree, elsewhere, paper_part_on_a_table):
     """Of one scene by either tree, and the true pose."""
-    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, 50], degrees=True).as_matrix(), (0.0, 0.0, 25.0)
-    scene, truth = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    scene, truth = paper_part_on_a_table
     found = [recognize(tree, scene.images, scene.sensor, scene.depth) for tree in (paper_tree, elsewhere)]
-    return *(one.by_score[0] for one in found), truth[0]
+    return *(one.by_score[0] for one in found), truth
 
 
 def test_prepared_parts_do_not_depend_on_the_origin(paper_tree, elsewhere):

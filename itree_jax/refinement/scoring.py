@@ -66,7 +66,7 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 
 
 # Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; that of
-# two cameras of fifteen more (experiments/forest_parts.py), from where on answers are 93 % right there.
+# two cameras of fifteen more (experiments/forest_parts.py), where answers of a score from 0.7 on were 93 % right.
 SCORINGS = {
     "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012), -17.652, 0.75),
     "stereo": Scoring((1.237, 0.0, -0.487, -11.857, 4.834, 0.0, 10.666, 0.105, 5.534), -22.263, 0.7),
