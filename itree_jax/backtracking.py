@@ -2,35 +2,28 @@
 
 A region's attitudes are tried in the order of their likelihood until they hold most of the posterior mass. What the
 accepted poses explain is then taken out of the scene, and what is left is looked at again: regions that held two parts
-fall apart, unlit surface that no needle told about becomes a region by its depth, and the search goes back to the root,
-where every attitude of the dome is open.
+fall apart, surface that no needle told about becomes a region by its depth, by two lights or past the slant limit, and
+the search goes back to the root, where every attitude of the dome is open.
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from itree_jax.answers import Interpretation
-from itree_jax.open_attitudes import all_attitudes
-from itree_jax.prepared import Prepared
-from itree_jax.refinement.hypotheses import RegionHypotheses, distinct
-from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.refinement.schedule import STEEPEST_SEEN
 from itree_jax.sensing.depth_needles import depth_needles
-from itree_jax.sensing.regions import added, regions
+from itree_jax.sensing.needle import NeedleMap
+from itree_jax.sensing.regions import Regions, added, detectable, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments
-from itree_jax.shown_surface import facing, middle_of_all, turns_onto
+from itree_jax.sensing.two_lights import two_light_needles
 from itree_jax.sight import Sight
-from itree_jax.split_region import pieces_of
 from itree_jax.stereo.dual_stereo import AGREES
 
 SURE = 0.9  # probability from which on a pose's pixels need no other explanation
-LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
-LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
-NEARLY_OPEN = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
-MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
 SOFT = 5  # [px] of the median that takes single wrong matches out
@@ -50,7 +43,7 @@ class Beam:
 # Of the regions that have an attitude within reach of refinement at all, 71 % have it in the first three quarters of
 # the mass, a quarter of the attitudes that hold 99 % (experiments/hypothesis_ranks.py); most parts show two regions.
 FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False, least=0.15)
-DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
+DEEP = Beam(0.99, (128, 16, 4, 2, 2), whole_dome=True, least=0.25)
 
 
 def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
@@ -66,89 +59,19 @@ def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
     return hypotheses.take(np.sort(np.concatenate(kept)))
 
 
-class Places(NamedTuple):
-    """Where a part may lie of which no rule tells the attitude."""
-
-    region: Int[np.ndarray, "places"]  # that it holds
-    alone: Bool[np.ndarray, "places"]  # the surface that hangs together with the region may be one part's
-
-
-def open_places(prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]) -> Places:
-    """Every surface that hangs together and is no larger than what a part shows, by its largest region; in a pile of
-    parts that touch, every region. The largest `MOST_OPEN` that are large enough.
-
-    A surface that shadows and edges part into several regions is one place: its regions alone may be too small to be
-    asked, and all of them would ask the same.
-    """
-    found, held = sight.found, sight.held
-    alone = held.area_mm2[asked] <= prepared.largest_view
-    area = np.where(alone, held.area_mm2[asked], found.area_mm2[asked])
-    surface = np.where(alone, held.segment[asked], -1 - asked)
-    largest_first = np.argsort(-found.area_mm2[asked], kind="stable")
-    first = largest_first[np.sort(np.unique(surface[largest_first], return_index=True)[1])]
-    first = first[area[first] >= LEAST_OPEN * prepared.usual_area]
-    first = np.sort(first[np.argsort(-area[first], kind="stable")][:MOST_OPEN])
-    return Places(asked[first], alone[first])
-
-
-def every_attitude(
-    prepared: Prepared, sight: Sight, places: Places, R_ray_cam: Float[np.ndarray, "regions 3 3"]
-) -> RegionHypotheses:
-    """The whole dome at every place. All attitudes that show a surface which faces about as the region does and isn't
-    much smaller, turned so that it faces as the region does, with its middle on the region's, or on that of every piece
-    of a region that is larger than such a surface. Where the surface that the region is of may be one part's, also the
-    attitudes as they are, with the middle of all that they show on the middle of the surface.
-
-    Each attitude stands for the appearance of the nearest one in the tree.
-    """
-    tree, found = prepared.tree, sight.found
-    attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
-    with_row = np.unique(tree.appearances.attitude, return_index=True)
-    R_ray_obj, of_all = all_attitudes(), middle_of_all(prepared.shown)
-    nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    places_of = []
-    for region, alone in zip(*places, strict=True):
-        R_cam_ray, kept = R_ray_cam[region].T, prepared.attitudes
-        if sight.faces_told:
-            way_ray = found.mean_normal[region] @ R_cam_ray
-            shown = facing(prepared.shown, way_ray)
-            kept = kept[shown.area[kept] >= LEAST_FACING * found.area_mm2[region]]
-            R = turns_onto(shown.normal[kept], way_ray)
-            middle = np.einsum("kab,kb->ka", R, shown.middle[kept])
-            for own in middles(sight, region, np.median(shown.area[kept]) if len(kept) else np.inf):
-                places_of.append((region, kept, R_cam_ray @ R @ R_ray_obj[kept], own - middle @ R_cam_ray.T))
-        if alone or not sight.faces_told:
-            centre = sight.held.centre[region] if alone else middles(sight, region, np.inf)[0]
-            places_of.append((region, kept, R_cam_ray @ R_ray_obj[kept], centre - of_all[kept] @ R_cam_ray.T))
-    region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in places_of])
-    attitude, R, t = (np.concatenate([one[k] for one in places_of]) for k in (1, 2, 3))
-    poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
-    every = RegionHypotheses(
-        poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), np.zeros(len(region), bool)
-    )
-    return every.take(distinct(every, prepared.symmetries, prepared.model.diameter, NEARLY_OPEN))
-
-
-def middles(sight: Sight, region: int, face_mm2: float) -> Float[np.ndarray, "pieces 3"]:
-    """The middle of a region, or of its pieces if it is larger than a face of this area [mm^2], camera frame [mm]."""
-    found = sight.found
-    face_pixels = face_mm2 / found.area_mm2[region] * found.area_px[region]
-    u_v_z = pieces_of(found.mask(region), sight.depth, face_pixels)
-    z = np.where(np.isfinite(u_v_z[:, 2]), u_v_z[:, 2], found.mean_depth[region])
-    return sight.sensor.camera.unproject(u_v_z[:, :2], z)
-
-
 def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     """The sight without what accepted poses explain; None if no region is left.
 
     Where there is a depth map, surface that a light reaches and no needle tells about makes regions too, by the depth's
-    own normals.
+    own normals; where there is none, needles past the slant limit do (`with_steep`).
     """
     known = explained(answers, (sight.sensor.camera.height, sight.sensor.camera.width))
     needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~known)
     depth = None if sight.depth is None else np.where(known, np.float32(0.0), sight.depth)
     found, segments = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges), None
-    if sight.lit is not None and sight.depth is not None and depth is not None and sight.kind == "depth":
+    if sight.kind != "depth":
+        found = with_steep(found, needle, depth, sight)
+    elif sight.lit is not None and sight.depth is not None and depth is not None:
         normals = sight.of_depth or depth_needles(sight.depth, sight.sensor.camera, sight.noise)
         free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
         segments = depth_segments(depth, sight.sensor)
@@ -156,13 +79,27 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
         fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
         needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))
-    if not found.count:
-        return None
-    if depth is None:
-        found = replace(
-            found, mean_depth=np.full(found.count, sight.sensor.working_distance), height=np.zeros(found.count)
-        )
-    return sight.of(found, needle, depth, segments)
+    return sight.of(somewhere(found, sight), needle, depth, segments) if found.count else None
+
+
+def somewhere(found: Regions, sight: Sight) -> Regions:
+    """The regions, at the working distance where nothing tells how far they are."""
+    known = np.isfinite(found.mean_depth)
+    distance = np.where(known, found.mean_depth, sight.sensor.working_distance)
+    return replace(found, mean_depth=distance, height=np.where(known, found.height, 0.0))
+
+
+def with_steep(
+    found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None, sight: Sight
+) -> Regions:
+    """The regions, and after them those of needles past the slant limit, of which no rule of the tree tells: parts that
+    stand or lean steeply may show nothing else.
+    """
+    past = np.asarray(needle.interpretable) & ~detectable(needle, sight.sensor)
+    to_grazing = replace(sight.sensor, slant_limit=STEEPEST_SEEN)
+    steep = regions(needle._replace(interpretable=past), depth, to_grazing, sight.R_w2c, sight.edges)
+    where = np.zeros(past.shape, np.float32) if depth is None else depth
+    return added(found, steep.labels + 1, np.asarray(needle.normals), where, sight.sensor, sight.R_w2c)
 
 
 def unread(sight: Sight, answers: list[Interpretation]) -> Sight | None:
@@ -186,6 +123,30 @@ def unread(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     with_needle = np.bincount(found.labels[inside], told[inside], minlength=found.count)
     found = found.take(np.flatnonzero(with_needle < MOST_TOLD * found.area_px))
     return replace(sight.of(found, needle, depth), faces_told=False) if found.count else None
+
+
+def by_two_lights(sight: Sight, answers: list[Interpretation], which: int) -> Sight | None:
+    """The surface without a needle that no accepted pose explains and that two lights reach, as regions that face one
+    of the two ways which the lights leave (`which`: 0 or 1); None if there is none. For scenes without a depth map.
+    """
+    if sight.kind == "depth" or sight.lit is None:
+        return None
+    known = explained(answers, sight.lit.shape)
+    camera = sight.sensor.camera
+    shading, lights = np.asarray(sight.observed.shading), np.asarray(sight.observed.light_directions)
+    v, u = np.indices(sight.lit.shape)
+    toward_viewer = -camera.viewing_ray(np.stack([u, v], axis=-1).astype(float))
+    normals, told = two_light_needles(shading, lights, toward_viewer)[which]
+    free = told & sight.lit & ~known & ~np.asarray(sight.needle.interpretable)
+    normals = np.where(free[..., None], normals, np.float32(0.0))
+    needle = sight.needle._replace(interpretable=free, normals=normals)
+    to_grazing = replace(sight.sensor, slant_limit=STEEPEST_SEEN)
+    flat = regions(needle, None, to_grazing, sight.R_w2c, sight.edges)
+    faces = faces_of_segments(flat.labels + 1, normals)
+    soft = np.zeros(free.shape, np.float32) if sight.soft_depth is None else sight.soft_depth
+    depth = np.where(free, soft, np.float32(0.0))
+    found = added(flat.take(np.arange(0)), faces, normals, depth, sight.sensor, sight.R_w2c)
+    return sight.of(somewhere(found, sight), needle, depth if depth.any() else None) if found.count else None
 
 
 def soft_steps(depth: Float[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:

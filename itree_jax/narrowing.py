@@ -7,7 +7,13 @@ from jaxtyping import Bool
 
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import same_place
-from itree_jax.refinement.hypotheses import RegionHypotheses, agreement, best_of_each_region, rough_share
+from itree_jax.refinement.hypotheses import (
+    RegionHypotheses,
+    agreement,
+    best_of_each_region,
+    covered,
+    rough_share,
+)
 from itree_jax.refinement.likelihood import support
 from itree_jax.refinement.optimise import refine
 from itree_jax.refinement.schedule import Round, Schedule
@@ -34,10 +40,14 @@ def narrow(
         )
         hypotheses = hypotheses._replace(poses=poses)
         edges = plan.jump if step.stage.contour else None
-        verdict, _, _ = verify(
+        verdict, _, stride = verify(
             poses, model, observed, camera, step.tolerances, step.stage.size, edges, sight.others
         )
-        score = agreement(verdict) if step.stage.contour else rough_share(verdict)
+        if step.stage.contour:
+            score = agreement(verdict)
+        else:
+            pixels = stride**2 / (1.0 + len(sight.others))
+            score = rough_share(verdict) * covered(verdict, sight.found.area_px[hypotheses.region] / pixels)
         most = keep[k] if keep else step.keep
         kept = best_of_each_region(score, hypotheses, most, symmetries, model.diameter)
         hypotheses = hypotheses.take(kept)

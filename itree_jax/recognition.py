@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import jax
 import numpy as np
@@ -14,10 +15,9 @@ from itree_jax.backtracking import (
     DEEP,
     FIRST,
     Beam,
-    every_attitude,
+    by_two_lights,
     left_over,
     likeliest,
-    open_places,
     unread,
 )
 from itree_jax.challenge import challenged
@@ -25,6 +25,7 @@ from itree_jax.competition import compete, select
 from itree_jax.detections import TOO_DARK, Detections, place_of
 from itree_jax.input_check import check_numbers
 from itree_jax.narrowing import judge, narrow
+from itree_jax.open_places import every_attitude, open_places
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.recognised_reflections import subtract_reflections
 from itree_jax.recognised_response import responses_of_parts
@@ -207,9 +208,9 @@ def search_deeper(
     answers: list[Interpretation],
 ) -> list[Interpretation]:
     """Backtracking: what the accepted poses leave unexplained is read again, with all attitudes open; at last also
-    where no needles are.
+    where two lights reach, and where no needles are.
     """
-    for rest_of in (left_over, unread):
+    for rest_of in (left_over, partial(by_two_lights, which=0), partial(by_two_lights, which=1), unread):
         rest = rest_of(sight, answers)
         if rest is not None:
             answers = compete([*answers, *read_sight(forest, images, rest, DEEP)], sight)

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import correspondences
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from itree_jax.open_attitudes import rolls, views
+from itree_jax.open_attitudes import ROLLS, rolls, views
 from itree_jax.refinement.optimise import RefineModel, window_origins, window_stride
 
 SIZE = 24  # pixels across the window that samples a view
@@ -72,6 +72,22 @@ def facing(shown: ShownSurface, way_ray: Float[np.ndarray, "3"]) -> Facing:
     normal = np.where(area[..., None] > 0.0, normal, way_ray)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return Facing(middle.reshape(-1, 3), normal.reshape(-1, 3), area.reshape(-1))
+
+
+def ends(
+    shown: ShownSurface, way_ray: Float[np.ndarray, "3"], kept: Int[np.ndarray, "kept"],
+    R: Float[np.ndarray, "kept 3 3"],
+) -> Float[np.ndarray, "kept 2 2"]:
+    """Where what faces this way ends: the least and the greatest x and y [mm] from the part's origin, in the ray's
+    frame, for some of `all_attitudes` turned by R. NaN where nothing does.
+    """
+    view, roll = np.divmod(kept, ROLLS)
+    this_way = np.einsum("ksa,ka->ks", shown.normal_ray[view], (way_ray @ rolls())[roll]) > SAME_WAY
+    xy = np.einsum("kab,ksb->ksa", (R @ rolls()[roll])[:, :2], shown.X_ray[view])
+    some = this_way.any(axis=1)[:, None]
+    least = np.where(this_way[..., None], xy, np.inf).min(axis=1)
+    most = np.where(this_way[..., None], xy, -np.inf).max(axis=1)
+    return np.where(some[..., None], np.stack([least, most], axis=1), np.nan)
 
 
 def turns_onto(

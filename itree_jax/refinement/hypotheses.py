@@ -63,6 +63,16 @@ def rough_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
     return (verdict.closeness - verdict.contradicting) / np.maximum(visible + 0.5 * verdict.hidden, 1.0)
 
 
+def covered(
+    verdict: Verdict, region: Float[np.ndarray, "hypotheses"]
+) -> Float[np.ndarray, "hypotheses"]:
+    """Share, up to 1, of its region that a pose can explain: `region` counts the pixels that each was asked for.
+
+    Without it a pose that shows next to nothing, and that little where something is, would be the best of all.
+    """
+    return np.minimum(verdict.agreeing / np.maximum(region, 1.0), 1.0)
+
+
 def contour_share(verdict: Verdict) -> Float[np.ndarray, "hypotheses"]:
     """Share of the visible contour outside of which the observed surface ends.
 
