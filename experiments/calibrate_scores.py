@@ -2,6 +2,7 @@
 
     python experiments/validation_bins.py --out out/validation_bins
     python experiments/calibrate_scores.py [--bins DIR] [--depth file|stereo|none] [--out DIR] [--trees DIR] [--every N]
+        [--refinement NATS]
 
 Every scene is recognised; all poses that no better one excludes are kept, however improbable, with their measures
 (`refinement.scoring.Measures`) and whether they are right (MSSD under 5 % of the diameter). A logistic model, with the
@@ -52,6 +53,7 @@ class Config:
     depth: str = "file"
     out: Path = Path("out/calibrate_scores")
     trees: Path | None = None  # folder of trees of an earlier run
+    refinement: float | None = None  # [nats] as in `Scoring`; None: as in force
     every: int = 1  # takes every n-th scene of each part
 
 
@@ -61,7 +63,7 @@ class Rows(NamedTuple):
     scene_id: int
     part: int
     terms: Float[np.ndarray, "answers terms"]
-    share: Float[np.ndarray, "answers"]  # of belief beside the best rival
+    margin: Float[np.ndarray, "answers"]  # [nats] over the best rival
     error: Float[np.ndarray, "answers instances"]  # MSSD over the diameter
     visible: Float[np.ndarray, "instances"]
 
@@ -71,7 +73,9 @@ def main(config: Config) -> None:
     config.out.mkdir(parents=True, exist_ok=True)
     rows = rows_of_bins(config)
     part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
-    X, shares, right = poses_of(rows)
+    in_force = SCORINGS[kind_of(config.depth)]
+    refinement = config.refinement or in_force.refinement
+    X, shares, right = poses_of(rows, refinement)
     held_out = np.zeros(len(right))
     for one in np.unique(part):
         model = fitted(X[part != one], shares[part != one], right[part != one])
@@ -82,8 +86,10 @@ def main(config: Config) -> None:
     model = fitted(X, shares, right)._replace(least=least)
     weights = ", ".join(f"{w:.3f}" for w in model.weights)
     print(f"{len(right)} poses of {len(rows)} scenes, {right.mean():.0%} right. Terms: {', '.join(SIGNS)}")
-    print(both_models(rows, SCORINGS[kind_of(config.depth)]))
-    print(f'"{kind_of(config.depth)}": Scoring(({weights}), {model.bias:.3f}, {least:.2f}),')
+    print(f"Brier score of the held out {np.mean((held_out - right) ** 2):.4f}, ratios under {refinement:.0f} nats are "
+          "no evidence")
+    print(both_models(rows, in_force, refinement))
+    print(f'"{kind_of(config.depth)}": Scoring(({weights}), {model.bias:.3f}, {least:.2f}, {refinement:.1f}),')
 
 
 def kind_of(depth: str) -> str:
@@ -119,33 +125,35 @@ def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, tru
     forest = prepare_forest([prepared])
     answers, sight = read_scene(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
     open_ = SCORINGS[sight.kind]._replace(least=0.0)
-    X, shares, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros(0)], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
+    X, margins, R, t = [np.zeros((0, len(SIGNS)))], [np.zeros(0)], [np.zeros((0, 3, 3))], [np.zeros((0, 3))]
     for answer, selection in zip(answers, selections(answers, sight, open_) if answers else [], strict=True):
         poses = prepared.of_object(answer.hypotheses.poses)
         X.append(terms(selection.measures))
-        shares.append(share(selection.measures.margin))
+        margins.append(selection.measures.margin)
         R.append(np.asarray(poses.R_cam_obj, float)[selection.accepted])
         t.append(np.asarray(poses.t_cam_obj, float)[selection.accepted])
     found = Pose(np.concatenate(R)[:, None], np.concatenate(t)[:, None])
     true = Pose(truth.pose.R[None], truth.pose.t[None])
     error = mssd(found, true, model.hull, model.symmetries) / model.diameter
-    return Rows(truth.scene_id, obj_id, np.concatenate(X), np.concatenate(shares), error, truth.visible)
+    return Rows(truth.scene_id, obj_id, np.concatenate(X), np.concatenate(margins), error, truth.visible)
 
 
 def poses_of(
-    rows: Sequence[Rows],
+    rows: Sequence[Rows], refinement: float,
 ) -> tuple[Float[np.ndarray, "answers terms"], Float[np.ndarray, "answers"], Bool[np.ndarray, "answers"]]:
     """The terms and shares of all answers, and which are right."""
     right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
-    return np.concatenate([r.terms for r in rows]), np.concatenate([r.share for r in rows]), right
+    margins = np.concatenate([r.margin for r in rows])
+    return np.concatenate([r.terms for r in rows]), share(margins, refinement), right
 
 
-def both_models(rows: Sequence[Rows], in_force: Scoring) -> str:
+def both_models(rows: Sequence[Rows], in_force: Scoring, refinement: float) -> str:
     """The weights in force beside those fitted to the scenes of odd number, held against the scenes of even number."""
     odd, even = ([r for r in rows if r.scene_id % 2 == rest] for rest in (1, 0))
     if not odd or not even:
         return "Weights in force and fitted ones are compared where there are scenes of odd and of even number."
-    models = {"in force": in_force, "fitted to odd scenes": fitted(*poses_of(odd))}
+    new = fitted(*poses_of(odd, refinement))._replace(refinement=refinement)
+    models = {"in force": in_force, "fitted to odd scenes": new}
     lines = [[name, *held_against(even, model)] for name, model in models.items()]
     heads = ["weights", "scenes", "poses", "Brier score", *(f"precision, recall from {p:.2f}" for p in FROM)]
     return markdown_table(heads, lines)
@@ -153,7 +161,7 @@ def both_models(rows: Sequence[Rows], in_force: Scoring) -> str:
 
 def held_against(rows: Sequence[Rows], model: Scoring) -> list[str]:
     """Of one model: how many scenes and poses, the Brier score, precision and recall from some scores on."""
-    X, shares, right = poses_of(rows)
+    X, shares, right = poses_of(rows, model.refinement)
     score = of_terms(X, model) * shares
     answers = scored(rows, score)
     cells = []
@@ -183,7 +191,7 @@ def fitted(
 
     bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS.values()] + [(None, None)]
     w = minimize(loss, np.zeros(Z.shape[1] + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
-    return Scoring(tuple(float(v) for v in w[:-1] / scale), float(w[-1]), 0.0)
+    return Scoring(tuple(float(v) for v in w[:-1] / scale), float(w[-1]), 0.0, 1.0)
 
 
 def of_terms(X: Float[np.ndarray, "answers terms"], model: Scoring) -> Float[np.ndarray, "answers"]:
@@ -217,4 +225,5 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, default=Config.out)
     parser.add_argument("--trees", type=Path, default=None)
     parser.add_argument("--every", type=int, default=1)
+    parser.add_argument("--refinement", type=float, default=None)
     main(Config(**vars(parser.parse_args())))

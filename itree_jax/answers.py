@@ -13,6 +13,7 @@ from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import rivals
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.pose_information import equations_at
+from itree_jax.refinement.scoring import SCORINGS
 from itree_jax.refinement.select import Judged, Selection
 from itree_jax.refinement.uncertainty import (
     RimMotions,
@@ -53,8 +54,9 @@ class Interpretation:
 
 def describe(answers: Sequence[Interpretation], root: Root, sight: Sight) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
+    refinement = SCORINGS[sight.kind].refinement
     detections = [
-        describe_one(answer, int(h), root, information, spread)
+        describe_one(answer, int(h), root, information, spread, refinement)
         for answer in answers
         for h, information, spread in zip(answer.selection.accepted, *measured_by(answer, sight), strict=True)
     ]
@@ -80,7 +82,7 @@ def measured_by(
 
 def describe_one(
     answer: Interpretation, h: int, root: Root, information: Float[np.ndarray, "6 6"],
-    spread: Float[np.ndarray, "6 6"],
+    spread: Float[np.ndarray, "6 6"], refinement: float,
 ) -> Detection:
     """One accepted hypothesis, with the other poses of its place that the scene hardly tells from it."""
     prepared, tree, selection = answer.prepared, answer.prepared.tree, answer.selection
@@ -88,7 +90,7 @@ def describe_one(
     R_all, t_all = (np.asarray(a, float) for a in answer.hypotheses.poses)
     weight = answer.judged.log_likelihood
     others, margins = selection.rivals[list(selection.accepted).index(h)]
-    other, share = rivals(others, margins, R_all, t_all, prepared.symmetries, tree.part.diameter)
+    other, share = rivals(others, margins, R_all, t_all, prepared.symmetries, tree.part.diameter, refinement)
     margin = margins[np.isin(others, other)].tolist()
     R_all, t_all = prepared.of_object(answer.hypotheses.poses)
     alternatives = tuple(

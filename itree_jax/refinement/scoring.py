@@ -8,9 +8,7 @@ from scipy.special import expit
 
 HOPELESS = 0.02  # less probable poses don't compete
 LEAST_AGAINST = 1e-3  # contradiction below it is the raster's
-# Likelihood ratios of two refinements of one pose scatter by about this (68 % by less than 17), as refinement stops
-# a bit off the best pose (experiments/refinement_nats.py): so much is no evidence.
-REFINEMENT_NATS = 20.0
+LEAST_NATS = 1e-3  # of an agreeing pixel
 
 
 class Measures(NamedTuple):
@@ -34,25 +32,33 @@ class Scoring(NamedTuple):
     weights: tuple[float, ...]  # one per term
     bias: float
     least: float  # a pose whose place is less probable is no answer
+    # [nats] by which likelihood ratios of two refinements of one pose scatter, as refinement stops a bit off the best
+    # pose: so much is no evidence. With a depth map 95 % lie within 18, with two cameras 68 % within 13 and 95 % within
+    # 192 (experiments/refinement_nats.py); the latter's is the likeliest (experiments/calibrate_scores.py).
+    refinement: float
 
 
 # What the model adds up, and the sign that each weight must have: doubt never makes a pose more probable.
 SIGNS = {
     "size": 1, "fit": 1, "against": -1, "hidden": -1, "lit": 1, "needles": 1, "contour": 1, "beside": 1, "own": 1,
+    "nats": 1,
 }  # fmt: skip
 
 
 def terms(measures: Measures) -> Float[np.ndarray, "*h terms"]:
-    """The measures but the margin, each on a scale on which a logistic model may add them up."""
-    values = measures._replace(
-        against=np.log(LEAST_AGAINST + measures.against), beside=np.clip(measures.beside, -1.0, 1.0)
-    )
-    return np.stack(values[:-1], axis=-1)
+    """The measures but the margin, each on a scale on which a logistic model may add them up, and all that they come
+    to: the logarithm of what the pose explains [nats], in units of the sensor's smallest region.
+    """
+    beside = np.clip(measures.beside, -1.0, 1.0)
+    of_pixel = np.maximum(measures.fit, LEAST_NATS) * (1.0 + beside - measures.against)
+    nats = measures.size + np.log(np.maximum(of_pixel, LEAST_NATS))
+    values = measures._replace(against=np.log(LEAST_AGAINST + measures.against), beside=beside)
+    return np.stack([*values[:-1], nats], axis=-1)
 
 
-def share(margin: Float[np.ndarray, "*h"]) -> Float[np.ndarray, "*h"]:
+def share(margin: Float[np.ndarray, "*h"], refinement: float) -> Float[np.ndarray, "*h"]:
     """Of belief that a pose keeps beside its best rival: a half where the scene doesn't tell them apart."""
-    return expit(margin / REFINEMENT_NATS)
+    return expit(margin / refinement)
 
 
 def of_place(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
@@ -62,13 +68,16 @@ def of_place(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
 
 def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]:
     """That of being right: the place's times the pose's share of it."""
-    return of_place(measures, scoring) * share(measures.margin)
+    return of_place(measures, scoring) * share(measures.margin, scoring.refinement)
 
 
 # Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; that of
-# two cameras of fifteen more (experiments/forest_parts.py), where answers of a score from 0.7 on were 93 % right.
+# two cameras of fifteen more (experiments/forest_parts.py), where answers of a score from 0.7 on were 96 % right by
+# weights that were fitted without their part.
 SCORINGS = {
-    "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012), -17.652, 0.75),
-    "stereo": Scoring((1.237, 0.0, -0.487, -11.857, 4.834, 0.0, 10.666, 0.105, 5.534), -22.263, 0.7),
-    "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568), -27.849, 0.5),
+    "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012, 0.0), -17.652, 0.75, 20.0),
+    "stereo": Scoring(
+        (0.921, 0.0, -0.343, -13.146, 3.096, 0.0, 11.312, 1.332, 2.536, 0.719), -19.335, 0.7, 50.0,
+    ),
+    "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568, 0.0), -27.849, 0.5, 20.0),
 }

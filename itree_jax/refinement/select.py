@@ -114,7 +114,8 @@ def select_jointly(
             scores[part][h] = probability(measured, scoring)
         improbable = [
             key for key in accepted
-            if of_place(final[key], scoring) < scoring.least or share(final[key].margin) < LEAST_SHARE
+            if of_place(final[key], scoring) < scoring.least
+            or share(final[key].margin, scoring.refinement) < LEAST_SHARE
         ]
         if not improbable:
             break

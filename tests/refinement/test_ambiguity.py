@@ -6,12 +6,13 @@ from itree_cad.symmetry import Symmetries
 from scipy.spatial.transform import Rotation
 
 from itree_jax.detections import STRONG_ODDS, Alternative, Detection, count_of_poses
-from itree_jax.refinement.ambiguity import REFINEMENT_NATS, rivals, same_place
+from itree_jax.refinement.ambiguity import rivals, same_place
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.pose_distance import same_part_distance
 from itree_jax.refinement.select import likelihood_ratio
 
 DIAMETER = 60.0
+NATS = 20.0
 NONE = Symmetries(np.eye(4)[None], ())
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
 TWO_FOLD = Symmetries(np.stack([np.eye(4), HALF_TURN]), ())
@@ -47,7 +48,7 @@ def test_symmetric_poses_are_one():
 def beside(poses, *margins: float, symmetries=NONE):
     """Rivals of pose 0 among the others, which it beats by so many nats."""
     R_all, t_all = (np.stack(values) for values in zip(*poses, strict=True))
-    return rivals(np.arange(1, len(poses)), np.array(margins), R_all, t_all, symmetries, DIAMETER)
+    return rivals(np.arange(1, len(poses)), np.array(margins), R_all, t_all, symmetries, DIAMETER, NATS)
 
 
 def test_an_equal_pose_takes_half_of_the_belief():
@@ -63,7 +64,7 @@ def test_a_clearly_worse_pose_is_no_rival():
 
 def test_rivals_come_likeliest_first_each_once_and_share_in_the_ratio_of_the_likelihoods():
     poses = [turned(angle) for angle in (0.0, 90.0, 180.0, 270.0, 181.0)]
-    found, share = beside(poses, *(REFINEMENT_NATS * np.array([2.0, 1.0, 7.0, 1.5])))
+    found, share = beside(poses, *(NATS * np.array([2.0, 1.0, 7.0, 1.5])))
     assert found.tolist() == [2, 1]
     np.testing.assert_allclose(share / (1.0 - share.sum()), np.exp([-1.0, -2.0]))
     assert beside(poses[:2] + poses[2:3], 0.0, 0.0, symmetries=TWO_FOLD)[0].tolist() == [1, 2]
