@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
-from itree_jax.refinement.hypotheses import RegionHypotheses, distinct
+from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.shown_surface import ends, facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
@@ -87,10 +87,9 @@ def every_attitude(
     region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in places_of])
     attitude, R, t = (np.concatenate([one[k] for one in places_of]) for k in (1, 2, 3))
     poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
-    every = RegionHypotheses(
+    return RegionHypotheses(
         poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), np.zeros(len(region), bool)
     )
-    return every.take(distinct(every, prepared.symmetries, prepared.model.diameter, NEARLY_OPEN))
 
 
 def in_corners(

@@ -17,7 +17,7 @@ from itree_jax.refinement.nearly_revolved import Axis, revolved_axis
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, padded_surface
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.refinement.solids import Solid, solid
-from itree_jax.shown_surface import ShownSurface, shown_surface
+from itree_jax.shown_surface import DomePoints, ShownSurface, dome_points, shown_surface
 from itree_jax.tree.appearances import mesh_reach, window_camera
 from itree_jax.tree.classify import ClassificationArrays, classification_arrays
 from itree_jax.tree.determine import DeterminationArrays, determination_arrays
@@ -49,6 +49,7 @@ class Prepared:
     own_axis: Axis | None  # of a part that is nearly one of revolution
     attitudes: Int[np.ndarray, "attitudes"]  # of the whole dome those that differ, as in `distinct_attitudes`
     shown: ShownSurface  # by each view of the dome
+    points: DomePoints  # some of it
     largest_view: float  # the largest area that it shows, across the line of sight [mm^2], or somewhat more
 
     def of_object(self, poses: Hypotheses) -> Hypotheses:
@@ -92,12 +93,13 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     surface = padded_surface(smooth_surface(mesh))
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter, surface)
+    shown = shown_surface(model, tree.sensor.camera, tree.sensor.working_distance)
     return Prepared(
         tree, middle, model, symmetries, classification_arrays(tree), determination_arrays(tree),
         window_camera(model.reach)[1], solid(mesh, part.diameter, part.watertight),
         rival_turns(part, symmetries), None if symmetries.continuous else revolved_axis(part),
         distinct_attitudes(part, symmetries),
-        shown_surface(model, tree.sensor.camera, tree.sensor.working_distance), largest_view(part),
+        shown, dome_points(shown), largest_view(part),
     )
 
 

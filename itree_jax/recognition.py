@@ -11,6 +11,7 @@ from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float, Int
 
 from itree_jax.answers import Interpretation, best_reason, describe
+from itree_jax.at_a_glance import best_at_a_glance
 from itree_jax.backtracking import (
     DEEP,
     FIRST,
@@ -265,6 +266,7 @@ def interpret(
         places = open_places(prepared, sight, asked)
         if len(places.region):
             hypotheses = joined(hypotheses, every_attitude(prepared, sight, places, measured.R_ray_cam))
+        hypotheses = best_at_a_glance(hypotheses, prepared, sight)
     plan = sight.plan(tree.part.diameter, tree.spacing)
     hypotheses = narrow(hypotheses, prepared, sight, plan.rounds, plan, beam.keep)
     if sight.kind != "depth":

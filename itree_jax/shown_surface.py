@@ -17,6 +17,7 @@ from itree_jax.open_attitudes import ROLLS, rolls, views
 from itree_jax.refinement.optimise import RefineModel, window_origins, window_stride
 
 SIZE = 24  # pixels across the window that samples a view
+POINTS = 96  # of each view, to glance at a scene by
 SAME_WAY = float(np.cos(np.radians(30.0)))  # an attitude is off by up to 15 degrees, and a curved region turns by more
 
 
@@ -27,6 +28,30 @@ class ShownSurface:
     X_ray: Float[np.ndarray, "views samples 3"]  # from the part's origin [mm], in the ray's frame
     normal_ray: Float[np.ndarray, "views samples 3"]  # 0 where a sample meets nothing
     sample_mm2: float  # across the line of sight
+
+
+class DomePoints(NamedTuple):
+    """Of every view of the dome, points of the surface that it shows, each for the same share of it."""
+
+    X_obj: Float[np.ndarray, "views points 3"]  # [mm]
+    normal_obj: Float[np.ndarray, "views points 3"]
+    point_mm2: Float[np.ndarray, "views"]  # across the line of sight
+
+
+def dome_points(shown: ShownSurface, count: int = POINTS) -> DomePoints:
+    """Some of each view's samples, evenly over the image; fewer samples are taken more than once."""
+    X_obj, normal_obj = (
+        np.einsum("vba,vsb->vsa", views(), of).astype(np.float32) for of in (shown.X_ray, shown.normal_ray)
+    )
+    there = (shown.normal_ray != 0.0).any(axis=-1)
+    picked = np.stack([
+        np.flatnonzero(one)[np.linspace(0, one.sum() - 1, count).round().astype(int)] if one.any() else np.zeros(
+            count, int) for one in there
+    ])  # fmt: skip
+    return DomePoints(
+        np.take_along_axis(X_obj, picked[..., None], axis=1), np.take_along_axis(normal_obj, picked[..., None], axis=1),
+        there.sum(axis=1) * shown.sample_mm2 / count,
+    )
 
 
 def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownSurface:
@@ -43,7 +68,8 @@ def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownS
     normal_obj = model.mesh.triangle_normals[seen.triangle.reshape(len(R), -1)]
     normal_cam = np.einsum("vab,vsb->vsa", R, normal_obj)
     return ShownSurface(
-        np.where(hit[..., None], X_cam - t[:, None], 0.0), np.where(hit[..., None], normal_cam, 0.0),
+        np.where(hit[..., None], X_cam - t[:, None], 0.0).astype(np.float32),
+        np.where(hit[..., None], normal_cam, 0.0).astype(np.float32),
         (stride * camera.mm_per_px(distance)) ** 2,
     )  # fmt: skip
 
@@ -82,12 +108,13 @@ def ends(
     frame, for some of `all_attitudes` turned by R. NaN where nothing does.
     """
     view, roll = np.divmod(kept, ROLLS)
-    this_way = np.einsum("ksa,ka->ks", shown.normal_ray[view], (way_ray @ rolls())[roll]) > SAME_WAY
-    xy = np.einsum("kab,ksb->ksa", (R @ rolls()[roll])[:, :2], shown.X_ray[view])
-    some = this_way.any(axis=1)[:, None]
-    least = np.where(this_way[..., None], xy, np.inf).min(axis=1)
-    most = np.where(this_way[..., None], xy, -np.inf).max(axis=1)
-    return np.where(some[..., None], np.stack([least, most], axis=1), np.nan)
+    way = (way_ray @ rolls()).astype(np.float32)[roll]
+    this_way = (shown.normal_ray[view] @ way[..., None]) > SAME_WAY
+    xy = shown.X_ray[view] @ (R @ rolls()[roll])[:, :2].swapaxes(1, 2).astype(np.float32)
+    found = np.stack([
+        np.where(this_way, xy, np.inf).min(axis=1), np.where(this_way, xy, -np.inf).max(axis=1),
+    ], axis=1)  # fmt: skip
+    return np.where(this_way.any(axis=1)[:, None], found, np.nan)
 
 
 def turns_onto(

@@ -21,6 +21,7 @@ FAR = wp.constant(1.0e30)
 
 COUNTS = 8
 counts8 = wp.types.vector(length=8, dtype=wp.float32)
+pixels5 = wp.types.vector(length=5, dtype=wp.float32)  # agreeing, closeness, needles agreeing, contradicting, hidden
 
 
 @wp.struct
@@ -70,6 +71,44 @@ def shading_support(maps: SceneMaps, row: int, column: int, normal: wp.vec3):
             if more > TOO_BRIGHT:
                 too_bright = wp.bool(True)
     return shown, too_bright
+
+
+@wp.func
+def pixel_verdict(maps: SceneMaps, row: int, column: int, depth: float, normal: wp.vec3, limits: Limits) -> pixels5:
+    """What the scene says at a pixel of a pose that shows this depth [mm] and normal there."""
+    z = wp.float32(0.0)
+    believed = wp.float32(0.0)
+    seen = wp.vec3()
+    if row >= 0 and row < maps.depth.shape[0] and column >= 0 and column < maps.depth.shape[1]:
+        z = maps.depth[row, column]
+        believed = maps.needle_weight[row, column]
+        seen = maps.normals[row, column]
+    cosine = wp.dot(seen, normal)
+    same = cosine > limits.needle_cosine
+    turn = wp.clamp((1.0 - cosine) / (1.0 - limits.needle_cosine), 0.0, 1.0)
+    pixel = pixels5()
+    if z > 0.0:
+        across = (z - depth) * wp.max(wp.abs(normal[2]), STEEPEST)
+        if across <= -limits.depth:
+            pixel[4] = 1.0
+        elif across >= limits.depth or (believed > 0.0 and not same):
+            pixel[3] = 1.0
+        else:
+            pixel[0] = 1.0
+            off = across / limits.depth
+            pixel[1] = 1.0 - 0.5 * off * off - 0.5 * wp.where(believed > 0.0, turn, 0.5)
+            if believed > 0.0:
+                pixel[2] = 1.0
+    elif limits.edge > 0.0:
+        shown, too_bright = shading_support(maps, row, column, normal)
+        if too_bright or (believed > 0.0 and not same):
+            pixel[3] = BLIND
+        elif believed > 0.0 or shown >= 2:
+            pixel[0] = BLIND
+            pixel[1] = BLIND * (1.0 - 0.5 * turn)
+            if believed > 0.0:
+                pixel[2] = BLIND
+    return pixel
 
 
 @wp.func
@@ -146,51 +185,14 @@ def agreement_kernel(
     k, i = wp.tid()
     h = first + k
     size = depth.shape[2]
-    height = maps.depth.shape[0]
-    width = maps.depth.shape[1]
     R = R_cam_obj[h]
     row = int(origin_uv[h][1] + stride * float(i))
-    agreeing = wp.float32(0.0)
-    closeness = wp.float32(0.0)
-    needles_agreeing = wp.float32(0.0)
-    contradicting = wp.float32(0.0)
-    hidden = wp.float32(0.0)
+    pixels = pixels5()
     for j in range(size):
         column = int(origin_uv[h][0] + stride * float(j))
         if triangle[h, i, j] >= 0:
             normal = R * normal_obj[triangle[h, i, j]]
-            z = wp.float32(0.0)
-            believed = wp.float32(0.0)
-            seen = wp.vec3()
-            inside = row >= 0 and row < height and column >= 0 and column < width
-            if inside:
-                z = maps.depth[row, column]
-                believed = maps.needle_weight[row, column]
-                seen = maps.normals[row, column]
-            cosine = wp.dot(seen, normal)
-            same = cosine > limits.needle_cosine
-            turn = wp.clamp((1.0 - cosine) / (1.0 - limits.needle_cosine), 0.0, 1.0)
-            if z > 0.0:
-                across = (z - depth[h, i, j]) * wp.max(wp.abs(normal[2]), STEEPEST)
-                if across <= -limits.depth:
-                    hidden += 1.0
-                elif across >= limits.depth or (believed > 0.0 and not same):
-                    contradicting += 1.0
-                else:
-                    agreeing += 1.0
-                    off = across / limits.depth
-                    closeness += 1.0 - 0.5 * off * off - 0.5 * wp.where(believed > 0.0, turn, 0.5)
-                    if believed > 0.0:
-                        needles_agreeing += 1.0
-            elif limits.edge > 0.0:
-                shown, too_bright = shading_support(maps, row, column, normal)
-                if too_bright or (believed > 0.0 and not same):
-                    contradicting += BLIND
-                elif believed > 0.0 or shown >= 2:
-                    agreeing += BLIND
-                    closeness += BLIND * (1.0 - 0.5 * turn)
-                    if believed > 0.0:
-                        needles_agreeing += BLIND
+            pixels += pixel_verdict(maps, row, column, depth[h, i, j], normal, limits)
 
     found = wp.float32(0.0)
     missed = wp.float32(0.0)
@@ -233,7 +235,7 @@ def agreement_kernel(
                 elif limits.edge > 0.0:
                     found += wp.where(at_edge, BLIND, 0.0)
                     missed += wp.where(at_edge, 0.0, BLIND)
-    counts[h, i] = counts8(agreeing, closeness, needles_agreeing, contradicting, hidden, found, missed, flush)
+    counts[h, i] = counts8(pixels[0], pixels[1], pixels[2], pixels[3], pixels[4], found, missed, flush)
 
 
 def limits_of(depth: float, needle: float, jump: float, edge: float):
