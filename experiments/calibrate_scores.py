@@ -40,7 +40,7 @@ from itree_jax.recognition import read_scene
 from itree_jax.refinement.scoring import SCORINGS, SIGNS, Scoring, share, terms
 from itree_jax.tree.tree_file import load_tree
 
-RIDGE = 3e-3  # on standardised weights: some hundreds of answers for nine terms
+RIDGE = 3e-3  # on standardised weights: some hundreds of answers for ten terms
 LEAST_SPREAD = 0.1  # of a term: what hardly changes from answer to answer gets no large weight
 SUREST = 1.0 - 1e-6  # share that still lets an answer be wrong
 FROM = (0.5, 0.65, 0.8, 0.9)  # scores from which on two models are compared

@@ -3,7 +3,7 @@
     python experiments/refinement_nats.py [--bins DIR] [--depth file|stereo|none] [--trees DIR] [--every N]
 
 Every part visible by half or more of the validation bins is refined twice from its true pose, turned and shifted by
-what the last but one round leaves, and polished as answers are. `scoring.REFINEMENT_NATS` comes from here: smaller
+what the last but one round leaves, and polished as answers are. `scoring.Scoring.refinement` comes from here: smaller
 ratios are no evidence.
 """
 

@@ -114,7 +114,8 @@ def ends(
     found = np.stack([
         np.where(this_way, xy, np.inf).min(axis=1), np.where(this_way, xy, -np.inf).max(axis=1),
     ], axis=1)  # fmt: skip
-    return np.where(this_way.any(axis=1)[:, None], found, np.nan)
+    some = np.any(this_way, axis=1, keepdims=True)
+    return np.where(some, found, np.nan)
 
 
 def turns_onto(

@@ -19,7 +19,7 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch):
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
         held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None), others=(),
-        crease=None,
+        crease=None, found=SimpleNamespace(area_px=np.ones(1)),
     )  # fmt: skip
 
     def refine(poses, model, observed, *_):
