@@ -131,14 +131,12 @@ def by_two_lights(sight: Sight, answers: list[Interpretation], which: int) -> Si
     """
     if sight.kind == "depth" or sight.lit is None:
         return None
-    known = explained(answers, sight.lit.shape)
-    camera = sight.sensor.camera
-    shading, lights = np.asarray(sight.observed.shading), np.asarray(sight.observed.light_directions)
-    v, u = np.indices(sight.lit.shape)
-    toward_viewer = -camera.viewing_ray(np.stack([u, v], axis=-1).astype(float))
-    normals, told = two_light_needles(shading, lights, toward_viewer)[which]
-    free = told & sight.lit & ~known & ~np.asarray(sight.needle.interpretable)
-    normals = np.where(free[..., None], normals, np.float32(0.0))
+    free = sight.lit & ~explained(answers, sight.lit.shape) & ~np.asarray(sight.needle.interpretable)
+    v, u = np.nonzero(free)
+    shading, lights = np.asarray(sight.observed.shading)[v, u], np.asarray(sight.observed.light_directions)
+    toward_viewer = -sight.sensor.camera.viewing_ray(np.stack([u, v], axis=-1).astype(float))
+    normals = np.zeros((*free.shape, 3), np.float32)
+    normals[v, u], free[v, u] = two_light_needles(shading, lights, toward_viewer)[which]
     needle = sight.needle._replace(interpretable=free, normals=normals)
     to_grazing = replace(sight.sensor, slant_limit=STEEPEST_SEEN)
     flat = regions(needle, None, to_grazing, sight.R_w2c, sight.edges)

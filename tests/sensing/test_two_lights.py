@@ -14,8 +14,8 @@ LIGHTS /= np.linalg.norm(LIGHTS, axis=1, keepdims=True)
 
 def needles(shading, lights=LIGHTS):
     """Both normals of one pixel; None where one can't be seen."""
-    both = two_light_needles(np.asarray(shading, float)[None, None], lights, TOWARD[None, None])
-    return [n[0, 0].astype(float) if seen[0, 0] else None for n, seen in both]
+    both = two_light_needles(np.asarray(shading, float)[None], lights, TOWARD[None])
+    return [n[0].astype(float) if seen[0] else None for n, seen in both]
 
 
 @settings(max_examples=200)
