@@ -23,7 +23,7 @@ from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import run, scenes_of_parts
 from quality.comparison import compare_configurations
 
-from itree_jax import challenge, competition, narrowing, recognition
+from itree_jax import competition, narrowing, recognition, settling
 from itree_jax.answers import Interpretation
 from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.prepared import prepare
@@ -62,7 +62,7 @@ def no_refinement() -> Iterator[None]:
     def stay(hypotheses: Hypotheses, *_: Any) -> Hypotheses:
         return hypotheses
 
-    with patch.object(narrowing, "refine", stay), patch.object(challenge, "refine", stay):
+    with patch.object(narrowing, "refine", stay), patch.object(settling, "refine", stay):
         yield
 
 

@@ -9,21 +9,21 @@ from itree_kernels.agreement import limits_of
 from itree_kernels.glance import glance
 from jaxtyping import Float, Int
 
+from itree_jax.open_places import NEARLY_OPEN
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses, best_of_each_region, covered, rough_share
 from itree_jax.refinement.verify import Verdict
 from itree_jax.sight import Sight
 from itree_jax.tree.dome import dome
 
-MOST = 128  # poses of a region: in simulated bins with depth maps it holds a right one nineteen times in twenty
-APART = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
+MOST = 128  # poses of a region
 
 
 def best_at_a_glance(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:
     """The `MOST` poses of every region that agree best, none of them nearly another."""
     kept = best_of_each_region(
         agreement_at_a_glance(hypotheses, prepared, sight), hypotheses, MOST, prepared.symmetries,
-        prepared.model.diameter, APART,
+        prepared.model.diameter, NEARLY_OPEN,
     )
     return hypotheses.take(np.sort(kept))
 

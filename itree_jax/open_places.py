@@ -21,6 +21,7 @@ from itree_jax.split_region import pieces_of
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
 NEARLY_OPEN = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
+GRAZING = 0.1  # cosine: along a steeper face nothing is moved farther than along this one
 MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 
 
@@ -59,7 +60,7 @@ def every_attitude(
 
     Each attitude stands for the appearance of the nearest one in the tree.
     """
-    tree, found = prepared.tree, sight.found
+    tree = prepared.tree
     attitudes = np.asarray(tree.appearances.R_cam_obj, float).reshape(-1, 9)
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     R_ray_obj, of_all = all_attitudes(), middle_of_all(prepared.shown)
@@ -68,19 +69,8 @@ def every_attitude(
     for region, alone in zip(*places, strict=True):
         R_cam_ray, kept = R_ray_cam[region].T, prepared.attitudes
         if sight.faces_told:
-            way_ray = found.mean_normal[region] @ R_cam_ray
-            shown = facing(prepared.shown, way_ray)
-            kept = kept[shown.area[kept] >= LEAST_FACING * found.area_mm2[region]]
-            R = turns_onto(shown.normal[kept], way_ray)
-            middle = np.einsum("kab,kb->ka", R, shown.middle[kept])
-            for own in middles(sight, region, np.median(shown.area[kept]) if len(kept) else np.inf):
-                places_of.append((region, kept, R_cam_ray @ R @ R_ray_obj[kept], own - middle @ R_cam_ray.T))
-            if len(kept):
-                which, corner = in_corners(
-                    sight, region, ends(prepared.shown, way_ray, kept, R), middle, way_ray, R_cam_ray,
-                    NEARLY_OPEN * prepared.model.diameter,
-                )
-                places_of.append((region, kept[which], R_cam_ray @ R[which] @ R_ray_obj[kept[which]], corner))
+            kept, placed = facing_as_seen(prepared, sight, region, R_cam_ray)
+            places_of += [(region, kept[of], R_cam_ray @ R @ R_ray_obj[kept[of]], t) for of, R, t in placed]
         if alone or not sight.faces_told:
             centre = sight.held.centre[region] if alone else middles(sight, region, np.inf)[0]
             places_of.append((region, kept, R_cam_ray @ R_ray_obj[kept], centre - of_all[kept] @ R_cam_ray.T))
@@ -90,6 +80,31 @@ def every_attitude(
     return RegionHypotheses(
         poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), np.zeros(len(region), bool)
     )
+
+
+def facing_as_seen(
+    prepared: Prepared, sight: Sight, region: int, R_cam_ray: Float[np.ndarray, "3 3"]
+) -> tuple[Int[np.ndarray, "kept"], list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+    """The attitudes that show a surface which faces as the region does and isn't much smaller; and for every place of
+    such a surface in the region: which of them, what turns each to face exactly so (in the ray's frame), and where the
+    part's origin is then, camera frame [mm].
+    """
+    found, kept = sight.found, prepared.attitudes
+    way_ray = found.mean_normal[region] @ R_cam_ray
+    shown = facing(prepared.shown, way_ray)
+    kept = kept[shown.area[kept] >= LEAST_FACING * found.area_mm2[region]]
+    if not len(kept):
+        return kept, [(kept, np.zeros((0, 3, 3)), np.zeros((0, 3)))]
+    R = turns_onto(shown.normal[kept], way_ray)
+    middle = np.einsum("kab,kb->ka", R, shown.middle[kept])
+    everyone = np.arange(len(kept))
+    own = middles(sight, region, float(np.median(shown.area[kept])))
+    placed = [(everyone, R, one - middle @ R_cam_ray.T) for one in own]
+    which, t_cam_obj = in_corners(
+        sight, region, ends(prepared.shown, way_ray, kept, R), middle, way_ray, R_cam_ray,
+        NEARLY_OPEN * prepared.model.diameter,
+    )
+    return kept, [*placed, (which, R[which], t_cam_obj)]
 
 
 def in_corners(
@@ -112,7 +127,7 @@ def in_corners(
     for i, j in product(range(2), repeat=2):
         across = np.stack([shift[:, i, 0], shift[:, j, 1]], axis=-1)
         away = np.flatnonzero(np.linalg.norm(across, axis=-1) > apart)
-        deeper = -(across @ way_ray[:2]) / way_ray[2]
+        deeper = -(across @ way_ray[:2]) / min(way_ray[2], -GRAZING)
         moved = np.concatenate([across, deeper[:, None]], axis=-1) - middle_ray
         which.append(away)
         placed.append(own + moved[away] @ R_cam_ray.T)

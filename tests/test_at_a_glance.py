@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from itree_jax.at_a_glance import APART, MOST, agreement_at_a_glance, best_at_a_glance, nearest_view
-from itree_jax.open_places import Places, every_attitude
+from itree_jax.at_a_glance import MOST, agreement_at_a_glance, best_at_a_glance, nearest_view
+from itree_jax.open_places import NEARLY_OPEN, Places, every_attitude
 from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
@@ -45,7 +45,7 @@ def test_few_of_every_region_are_left_and_one_is_within_reach_of_the_true_pose(t
         apart = same_part_distance(
             R_kept[others], t_kept[others], R_kept[k], t_kept[k], prepared.symmetries, prepared.model.diameter
         )
-        assert apart.min() >= APART * prepared.model.diameter
+        assert apart.min() >= NEARLY_OPEN * prepared.model.diameter
 
 
 def test_a_pose_is_seen_by_the_view_that_it_is_nearest_to(table):

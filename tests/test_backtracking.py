@@ -110,6 +110,13 @@ def test_an_attitude_has_to_show_the_face_that_is_seen(prepared, sight):
     assert 0 < len(with_whole.region) - len(found.region) <= len(prepared.attitudes)
 
 
+def test_a_region_larger_than_anything_a_part_shows_opens_no_attitude(prepared, sight):
+    huge = replace(sight, found=replace(sight.found, area_mm2=np.full(sight.found.count, 1e6)))
+    in_pile = FIRST_ALONE._replace(alone=np.array([False]))
+    found = every_attitude(prepared, huge, in_pile, np.tile(np.eye(3), (sight.found.count, 1, 1)))
+    assert len(found.region) == len(found.poses.t_cam_obj) == 0
+
+
 def asked_places(prepared, sight, area_mm2, segment, segment_mm2):
     """Of regions with these areas, in these segments."""
     count = len(area_mm2)
