@@ -75,15 +75,15 @@ def main(config: Config) -> None:
     part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
     in_force = SCORINGS[kind_of(config.depth)]
     refinement = config.refinement or in_force.refinement
-    X, shares, right = poses_of(rows, refinement)
+    X, margins, right = poses_of(rows)
     held_out = np.zeros(len(right))
     for one in np.unique(part):
-        model = fitted(X[part != one], shares[part != one], right[part != one])
-        held_out[part == one] = of_terms(X[part == one], model) * shares[part == one]
+        model = fitted(X[part != one], margins[part != one], right[part != one], refinement)
+        held_out[part == one] = of_terms(X[part == one], margins[part == one], model)
     answers = scored(rows, held_out)
     print(reliability_report(answers))
     least = least_probability(answers)
-    model = fitted(X, shares, right)._replace(least=least)
+    model = fitted(X, margins, right, refinement)._replace(least=least)
     weights = ", ".join(f"{w:.3f}" for w in model.weights)
     print(f"{len(right)} poses of {len(rows)} scenes, {right.mean():.0%} right. Terms: {', '.join(SIGNS)}")
     print(f"Brier score of the held out {np.mean((held_out - right) ** 2):.4f}, ratios under {refinement:.0f} nats are "
@@ -139,12 +139,11 @@ def rows_of_scene(folder: Path, prepared: Prepared, depth: str, obj_id: int, tru
 
 
 def poses_of(
-    rows: Sequence[Rows], refinement: float,
+    rows: Sequence[Rows],
 ) -> tuple[Float[np.ndarray, "answers terms"], Float[np.ndarray, "answers"], Bool[np.ndarray, "answers"]]:
-    """The terms and shares of all answers, and which are right."""
+    """The terms and margins of all answers, and which are right."""
     right = np.concatenate([r.error.min(axis=1, initial=np.inf) < STRICT for r in rows])
-    margins = np.concatenate([r.margin for r in rows])
-    return np.concatenate([r.terms for r in rows]), share(margins, refinement), right
+    return np.concatenate([r.terms for r in rows]), np.concatenate([r.margin for r in rows]), right
 
 
 def both_models(rows: Sequence[Rows], in_force: Scoring, refinement: float) -> str:
@@ -152,8 +151,7 @@ def both_models(rows: Sequence[Rows], in_force: Scoring, refinement: float) -> s
     odd, even = ([r for r in rows if r.scene_id % 2 == rest] for rest in (1, 0))
     if not odd or not even:
         return "Weights in force and fitted ones are compared where there are scenes of odd and of even number."
-    new = fitted(*poses_of(odd, refinement))._replace(refinement=refinement)
-    models = {"in force": in_force, "fitted to odd scenes": new}
+    models = {"in force": in_force, "fitted to odd scenes": fitted(*poses_of(odd), refinement)}
     lines = [[name, *held_against(even, model)] for name, model in models.items()]
     heads = ["weights", "scenes", "poses", "Brier score", *(f"precision, recall from {p:.2f}" for p in FROM)]
     return markdown_table(heads, lines)
@@ -161,8 +159,8 @@ def both_models(rows: Sequence[Rows], in_force: Scoring, refinement: float) -> s
 
 def held_against(rows: Sequence[Rows], model: Scoring) -> list[str]:
     """Of one model: how many scenes and poses, the Brier score, precision and recall from some scores on."""
-    X, shares, right = poses_of(rows, model.refinement)
-    score = of_terms(X, model) * shares
+    X, margins, right = poses_of(rows)
+    score = of_terms(X, margins, model)
     answers = scored(rows, score)
     cells = []
     for least in FROM:
@@ -173,13 +171,14 @@ def held_against(rows: Sequence[Rows], model: Scoring) -> list[str]:
 
 
 def fitted(
-    X: Float[np.ndarray, "answers terms"], shares: Float[np.ndarray, "answers"], right: Bool[np.ndarray, "answers"]
+    X: Float[np.ndarray, "answers terms"], margins: Float[np.ndarray, "answers"], right: Bool[np.ndarray, "answers"],
+    refinement: float,
 ) -> Scoring:
     """The model of greatest likelihood whose weights have the signs that they must have: an answer is right with the
     probability of a logistic model of the terms times its share.
     """
     scale = np.maximum(X.std(axis=0), LEAST_SPREAD)
-    Z, kept = X / scale, np.minimum(shares, SUREST)
+    Z, kept = X / scale, np.minimum(share(margins, refinement), SUREST)
 
     def loss(w: Float[np.ndarray, "weights"]) -> tuple[float, Float[np.ndarray, "weights"]]:
         place = expit(Z @ w[:-1] + w[-1])
@@ -191,11 +190,14 @@ def fitted(
 
     bounds = [(0.0, None) if sign > 0 else (None, 0.0) for sign in SIGNS.values()] + [(None, None)]
     w = minimize(loss, np.zeros(Z.shape[1] + 1), jac=True, bounds=bounds, method="L-BFGS-B").x
-    return Scoring(tuple(float(v) for v in w[:-1] / scale), float(w[-1]), 0.0, 1.0)
+    return Scoring(tuple(float(v) for v in w[:-1] / scale), float(w[-1]), 0.0, refinement)
 
 
-def of_terms(X: Float[np.ndarray, "answers terms"], model: Scoring) -> Float[np.ndarray, "answers"]:
-    return expit(X @ np.array(model.weights) + model.bias)
+def of_terms(
+    X: Float[np.ndarray, "answers terms"], margins: Float[np.ndarray, "answers"], model: Scoring
+) -> Float[np.ndarray, "answers"]:
+    """Probability of being right."""
+    return expit(X @ np.array(model.weights) + model.bias) * share(margins, model.refinement)
 
 
 def scored(rows: Sequence[Rows], score: Float[np.ndarray, "answers"]) -> ScoredAnswers:

@@ -17,6 +17,7 @@ from itree_jax.sight import Sight
 from itree_jax.tree.dome import dome
 
 MOST = 128  # poses of a region
+LEAST_MM2 = 1e-6  # of a point: a thin sheet seen on edge may show no sample
 
 
 def best_at_a_glance(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:
@@ -39,7 +40,7 @@ def agreement_at_a_glance(
         limits_of(*(float(v) for v in first.tolerances)), prepared.model.mesh.device,
     )
     verdict = Verdict(*counts.T, *np.zeros((3, len(counts)), np.float32))
-    asked_for = sight.found.area_mm2[hypotheses.region] / points.point_mm2[view]
+    asked_for = sight.found.area_mm2[hypotheses.region] / np.maximum(points.point_mm2[view], LEAST_MM2)
     return rough_share(verdict) * covered(verdict, asked_for)
 
 

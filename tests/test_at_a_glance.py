@@ -1,5 +1,7 @@
 """Which of thousands of open attitudes are worth a ray."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.pose_distance import same_part_distance
+from itree_jax.shown_surface import dome_points
 from itree_jax.sight import look
 from itree_jax.tree.dome import dome
 
@@ -56,3 +59,12 @@ def test_a_pose_is_seen_by_the_view_that_it_is_nearest_to(table):
     cosine = (toward * dome().directions[view]).sum(axis=1)
     assert cosine.min() > np.cos(np.radians(25.0))
     assert len(np.unique(view)) > 40
+
+
+def test_a_view_that_shows_no_sample_agrees_with_nothing(table):
+    """As of a thin sheet seen on edge."""
+    prepared, sight, _, _, every = table
+    edge_on = replace(prepared, shown=replace(prepared.shown, normal_ray=0.0 * prepared.shown.normal_ray))
+    blank = replace(edge_on, points=dome_points(edge_on.shown))
+    assert (blank.points.point_mm2 == 0.0).all()
+    assert np.abs(agreement_at_a_glance(every, blank, sight)).max() < 1e-3

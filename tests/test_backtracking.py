@@ -56,18 +56,14 @@ def prepared(paper_tree):
     return prepare(paper_tree)
 
 
-def on_a_table(tree, tilt: float, height: float):
-    """A scene of one part, turned about x by so many degrees, and its pose in the world."""
-    sensor = replace(tree.sensor, camera=tree.sensor.camera.cropped(200, 140, 240, 200))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_euler("zx", [30, tilt], degrees=True).as_matrix(), (0.0, 0.0, height)
-    scene, _ = image_bin(tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
-    return scene, T
-
-
 @pytest.fixture(scope="module")
 def table(paper_tree):
-    return on_a_table(paper_tree, 0.0, 20.0)
+    """A scene of one part, and its pose in the world."""
+    sensor = replace(paper_tree.sensor, camera=paper_tree.sensor.camera.cropped(200, 140, 240, 200))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("z", 30, degrees=True).as_matrix(), (0.0, 0.0, 20.0)
+    scene, _ = image_bin(paper_tree.part, T[None], Bin((500.0, 400.0), 5.0), sensor, seed=1)
+    return scene, T
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,7 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 
 # Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; that of
 # two cameras of fifteen more (experiments/forest_parts.py), where answers of a score from 0.7 on were 96 % right by
-# weights that were fitted without their part.
+# weights that were fitted without their part (by the code before the glance, `at_a_glance`).
 SCORINGS = {
     "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012, 0.0), -17.652, 0.75, 20.0),
     "stereo": Scoring(

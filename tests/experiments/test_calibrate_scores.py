@@ -23,7 +23,7 @@ def test_fitted_weights_beat_blind_ones_on_scenes_they_never_saw():
     rng = np.random.default_rng(5)
     rows = [scene(k, rng) for k in range(1, 41)]
     odd, even = rows[::2], rows[1::2]
-    model = fitted(*poses_of(odd, 20.0))
+    model = fitted(*poses_of(odd), 20.0)
     assert held_against(even, BLIND)[:4] == ["20", "100", "0.2500", "60%, 100%"]
     assert float(held_against(even, model)[2]) < 0.05
     assert held_against(even, model)[3] == "100%, 100%"

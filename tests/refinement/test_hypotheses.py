@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
     best_of_each_region,
+    covered,
     joined,
     main_axes,
     place,
@@ -18,6 +19,7 @@ from itree_jax.refinement.hypotheses import (
     turns_about_axes,
 )
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.verify import Verdict
 
 NONE = Symmetries(np.eye(4)[None], ())
 TWO_FOLD = Symmetries(np.stack([np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])]), ())
@@ -172,3 +174,10 @@ def test_joining_keeps_both_in_order():
         np.testing.assert_array_equal(taken.poses.t_cam_obj, part.poses.t_cam_obj)
         for x, y in zip(taken[1:], part[1:], strict=True):
             np.testing.assert_array_equal(x, y)
+
+
+def test_a_pose_that_shows_next_to_nothing_covers_next_to_nothing_of_its_region():
+    agreeing = np.array([4.0, 50.0, 100.0, 300.0, 0.0])
+    verdict = Verdict(agreeing, *np.zeros((7, 5)))
+    region = np.array([100.0, 100.0, 100.0, 100.0, 0.0])
+    np.testing.assert_allclose(covered(verdict, region), [0.04, 0.5, 1.0, 1.0, 0.0])

@@ -9,7 +9,7 @@ from itree_cad.primitives import box_part
 from itree_kernels.mesh import ray_mesh
 
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import SCORINGS, Measures, probability
+from itree_jax.refinement.scoring import SCORINGS, SIGNS, Measures, probability, terms
 from itree_jax.refinement.select import Judged, likelihood_ratio, select_jointly, together
 from itree_jax.refinement.solids import share_space, solid
 from itree_jax.refinement.verify import Verdict
@@ -233,6 +233,18 @@ def test_more_doubt_never_makes_a_pose_more_probable(kind):
     assert 0.0 < of() < 1.0
     for name, value in worse.items():
         assert of(**{name: value}) <= of(), name
+
+
+def test_the_last_term_is_the_logarithm_of_all_that_a_pose_explains():
+    """Nats for it, less those against it, and those of edges and other cameras, over the smallest region's pixels."""
+    pixels, smallest, for_, against, beside = 900.0, 60.0, 4000.0, 500.0, 700.0
+    measured = {
+        "size": np.log(pixels / smallest), "fit": for_ / pixels, "against": against / for_, "hidden": 0.0, "lit": 1.0,
+        "needles": 0.5, "contour": 0.9, "beside": beside / for_, "own": 1.0, "margin": np.inf,
+    }  # fmt: skip
+    every = terms(Measures(*(np.float64(v) for v in measured.values())))
+    assert len(every) == len(SIGNS)
+    assert every[-1] == pytest.approx(np.log((for_ - against + beside) / smallest))
 
 
 @pytest.mark.parametrize("kind", sorted(SCORINGS))
