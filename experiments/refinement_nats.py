@@ -66,7 +66,9 @@ def ratios_of_scene(folder: Path, prepared: Prepared, depth: str, truth: SceneTr
         poses = refine(
             poses, model, sight.held_against, camera, deviations, [stage], plan.jump, sight.others, sight.crease
         )
-    weighed = support(poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others)
+    weighed = support(
+        poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others, crease=sight.crease
+    )
     return [likelihood_ratio(weighed, k, k + 1) for k in range(0, len(R), 2)]
 
 

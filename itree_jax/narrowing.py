@@ -61,7 +61,9 @@ def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: 
         hypotheses.poses, model, sight.held_against, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
         sight.others,
     )
-    weighed = support(hypotheses.poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others)
+    weighed = support(
+        hypotheses.poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others, crease=sight.crease
+    )
     return Judged(verdict, weighed, sensor.smallest_region / sensor.mm_per_px**2, rivalry(hypotheses, prepared))
 
 

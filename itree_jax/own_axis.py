@@ -65,6 +65,7 @@ def turned(
     assert prepared.own_axis is not None
     every = turned_about_axes(pose, turns_about(prepared.own_axis, angles))
     weighed = support(
-        every.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.errors, plan.jump, sight.others
+        every.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.errors, plan.jump, sight.others,
+        crease=sight.crease,
     )
     return every, np.array([likelihood_ratio(weighed, k, 0) for k in range(len(angles))])

@@ -14,7 +14,7 @@ from itree_jax.sensing.material_response import MaterialResponse, fit_response
 from itree_jax.sight import Sight
 
 LEAST_PARTS = 2  # one part shows few normals, and may be wrong
-LEAST_SCORE = 0.5  # what is more likely wrong than right tells nothing
+LEAST_SCORE = 0.8  # one wrong pose among a few makes the material what it is not, and every right pose unlikely
 BORDER = 2  # [px]: a pose's border may be another part's pixel
 
 

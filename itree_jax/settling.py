@@ -1,14 +1,17 @@
 """The last word on accepted poses: each is challenged, turned about its own axis, and polished."""
 
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import beside_turned, challenged, plan_of, with_more
 from itree_jax.competition import compete
+from itree_jax.least_told import moved_along_least_told
 from itree_jax.narrowing import judge
 from itree_jax.own_axis import turned_to_likeliest
+from itree_jax.refinement.hypotheses import joined
 from itree_jax.refinement.optimise import refine
 from itree_jax.sight import Sight
 
@@ -26,6 +29,9 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
     answers = compete([polished(a, sight) for a in answers], sight)
     answers = compete([beside_turned(a, sight) for a in answers], sight)
     answers = compete([polished(a, sight) for a in answers], sight)
+    if sight.kind != "depth":
+        moved = compete([moved_along_least_told(a, sight) for a in answers], sight)
+        answers = compete([polished(a, sight) for a in moved], sight)
     for _ in range(TURNS):
         turned = [turned_to_likeliest(a, sight) for a in answers]
         if all(new is old for new, old in zip(turned, answers, strict=True)):
@@ -39,7 +45,8 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
     kept where the pose explains the scene better than before. Without a depth map it takes the poses to where they
-    stop: what else two of them differ by would be held for evidence (experiments/refinement_nats.py).
+    stop: what else two of them differ by would be held for evidence (experiments/refinement_nats.py). There it goes
+    another way too, by contours: a highlight turns a face's needles and moves its matched depth, but not its edges.
     """
     plan, accepted = plan_of(answer, sight), answer.selection.accepted
     if not len(accepted):
@@ -47,14 +54,19 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     close = [others for others, _ in answer.selection.rivals]
     tried = np.unique(np.concatenate([accepted, *close]))
     before = answer.hypotheses.take(tried)
-    poses = refine(
-        before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, plan.independent, [plan.last],
-        plan.jump, sight.others, sight.crease,
-    )
-    after = before._replace(poses=poses)
+    ways = [(plan.last, plan.independent), *([plan.by_contours] if plan.by_contours else [])]
+    after = reduce(joined, [
+        before._replace(poses=refine(
+            before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, deviations, [stage],
+            plan.jump, sight.others, sight.crease,
+        )) for stage, deviations in ways
+    ])  # fmt: skip
     judged = judge(after, answer.prepared, sight, plan)
-    better = np.flatnonzero(judged.log_likelihood > answer.judged.log_likelihood[tried])
-    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[better])
+    nats = np.concatenate([answer.judged.log_likelihood[tried], judged.log_likelihood]).reshape(-1, len(tried))
+    best = nats.argmax(axis=0)  # 0: as it was
+    moved = np.flatnonzero(best)
+    better = (best[moved] - 1) * len(tried) + moved
+    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[moved])
     rest = replace(
         answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept),
     )

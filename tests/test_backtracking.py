@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.backtracking import (
     EDGE_OF_A_POSE,
     SURE,
+    SURE_BY_IMAGES,
     by_two_lights,
     explained,
     left_over,
@@ -158,9 +159,11 @@ def test_sure_poses_explain_their_pixels_and_those_beside(stride):
     expected = np.zeros((60, 80), bool)
     v, u, side, e = 10 + 2 * stride, 20 + 3 * stride, 4 * stride, EDGE_OF_A_POSE
     expected[v - e : v + side + e, u - e : u + side + e] = True
-    np.testing.assert_array_equal(explained([one], (60, 80)), expected)
-    doubtful = answer(mask, (20, 10), stride, SURE - 0.01)
-    assert not explained([doubtful], (60, 80)).any()
+    for kind, sure in (("depth", SURE), ("stereo", SURE_BY_IMAGES), ("none", SURE_BY_IMAGES)):
+        small = SimpleNamespace(sensor=SimpleNamespace(camera=SimpleNamespace(height=60, width=80)), kind=kind)
+        np.testing.assert_array_equal(explained([one], small), expected)
+        doubtful = answer(mask, (20, 10), stride, sure - 0.01)
+        assert not explained([doubtful], small).any()
 
 
 def test_what_is_explained_is_not_asked_again(sight):

@@ -21,6 +21,11 @@ from itree_jax.sensing.needle import Array
 
 SIZE = 192  # window pixels: the image's own for parts of up to 90 pixels' reach
 WINDOW = 2.25  # of the part's reach: also where it lies an eighth nearer than the working distance
+# What pixels, and those at steps, are worth beside a contour's points where images alone tell. Reflected light and
+# highlights turn the needles of a whole face together, and carry its matched depth along: a mean over N of them knows
+# no more than N / (1 + N b^2 / s^2) do, one in a thousand of a face, where a contour's points are worth one in thirty.
+# By experiments/pixel_weight.py right poses are told best from wrong ones of their place with a few thousandths.
+BESIDE_CONTOURS, STEPS_BESIDE_CONTOURS = 0.003, 0.1
 
 
 class SensorErrors(NamedTuple):
@@ -30,50 +35,56 @@ class SensorErrors(NamedTuple):
     needle: Float[Array, ""]  # [rad]
     reach: Float[Array, ""]  # [mm] of depth over which something else may lie: the part's diameter
     pitch: Float[Array, ""]  # [mm] of a pixel at the working distance
-    edge: Float[Array, ""]  # [px] as in `Tolerances`; 0: contours are steps of depth, which the pixels tell
+    edge: Float[Array, ""]  # [px] of an image's edge beside its contour; 0: contours are steps of depth: pixels tell
 
 
 class Support(NamedTuple):
     """Log-likelihood ratios [nats] of a batch of poses, in windows of the first camera."""
 
     pixels: Float[np.ndarray, "h s s"]  # above 0: the pose explains the pixel; below: it contradicts it
-    at_steps: Float[np.ndarray, "h s s"]  # of pixels beside the pose's own steps of depth, which `pixels` leaves out
+    at_steps: Float[np.ndarray, "h s s"]  # of those beside the pose's own steps of depth, which `pixels` leaves out
     hidden: Bool[np.ndarray, "h s s"]  # pixels of the pose behind something nearer
     lit: Float[np.ndarray, "h"]  # window pixels that speak for the pose and that a light shows
     beside: Float[np.ndarray, "h"]  # of contours and of other cameras
     origin_uv: Float[np.ndarray, "h 2"]  # image point of window pixel (0, 0) [px]
     stride: int  # [px]
+    weight: float = 1.0  # what the nats of `pixels` and `at_steps` are worth beside those of contours
 
     def joined(self, other: "Support") -> "Support":
         """Both lists, one after the other; of one part, so of one stride."""
-        assert self.stride == other.stride
-        arrays = (np.concatenate(pair) for pair in zip(self[:-1], other[:-1], strict=True))
-        return Support(*arrays, stride=self.stride)
+        assert self[-2:] == other[-2:]
+        arrays = (np.concatenate(pair) for pair in zip(self[:-2], other[:-2], strict=True))
+        return Support(*arrays, stride=self.stride, weight=self.weight)
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Support":
-        return Support(*(values[index] for values in self[:-1]), stride=self.stride)
+        return Support(*(values[index] for values in self[:-2]), stride=self.stride, weight=self.weight)
 
 
 def support(
     hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps | SeenBy, camera: Camera, errors: SensorErrors,
-    jump: float, others: Sequence[OtherView] = (), size: int = SIZE,
+    jump: float, others: Sequence[OtherView] = (), size: int = SIZE, crease: float | None = None,
 ) -> Support:
-    """Renders every hypothesis and weighs each of its pixels. `jump` [mm]: least depth step of a contour."""
+    """Renders every hypothesis and weighs each of its pixels. `jump` [mm]: least depth step of a contour; `crease`
+    [rad]: creases are contours too, as in `correspondences`.
+    """
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     stride = max(1, int(np.ceil(WINDOW * model.reach / float(errors.pitch) / size)))
     edges = jump if float(errors.edge) > 0 else None  # where depth ends contours, the pixels have told already
+    weight, at_step = (1.0, 1.0) if edges is None else (BESIDE_CONTOURS, STEPS_BESIDE_CONTOURS)
     pixels, at_steps, hidden, lit, beside, origin = _seen_by(
-        R, t, model, seen_by(observed, camera), errors, size, stride, edges
+        R, t, model, seen_by(observed, camera), errors, size, stride, edges, crease
     )
     for view in others:
-        there, _, _, _, contour, _ = _seen_by(*view.poses(R, t), model, view.seen_by, errors, size, stride, edges)
-        beside = beside + contour + np.sum(there, axis=(1, 2), dtype=np.float32)
-    return Support(pixels, at_steps, hidden, lit, beside, origin, stride)
+        there, _, _, _, contour, _ = _seen_by(
+            *view.poses(R, t), model, view.seen_by, errors, size, stride, edges, crease
+        )
+        beside = beside + contour + np.float32(weight) * np.sum(there, axis=(1, 2), dtype=np.float32)
+    return Support(pixels, np.float32(at_step / weight) * at_steps, hidden, lit, beside, origin, stride, weight)
 
 
 def _seen_by(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, by: SeenBy, errors: SensorErrors,
-    size: int, stride: int, edges: float | None,
+    size: int, stride: int, edges: float | None, crease: float | None,
 ) -> tuple[np.ndarray, ...]:
     """Pixels, those at steps, hidden, lit, contour and window origins, as in `Support`."""
     weighed = room(len(t), size, model.mesh.device)
@@ -82,7 +93,7 @@ def _seen_by(
     def weigh(seen, first: int, last: int) -> None:
         weigh_rows(seen, by, model.mesh.normals_obj, reckoned, first, last, weighed)
 
-    seen = cast_in(by.camera, R, t, model, size, stride, edges, weigh, weighing_kernel)
+    seen = cast_in(by.camera, R, t, model, size, stride, edges, weigh, weighing_kernel, crease=crease)
     rows = (a.numpy().sum(axis=1) for a in (weighed.lit, weighed.contour))
     squares = (a.numpy() for a in (weighed.pixels, weighed.at_steps, weighed.hidden))
     return *squares, *rows, seen.origin_uv.numpy()

@@ -187,11 +187,12 @@ def any_stale(seen: Windows, first: int, last: int) -> bool:
 def cast_in(
     camera: Camera, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, size: int,
     stride: int, jump: float | None, read: Callable[[Windows, int, int], None], *kernels: Any,
+    crease: float | None = None,
 ) -> Windows:
     """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
     device = model.mesh.device
     seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, jump is not None)
-    rays = Rays(model.mesh, camera, model.reach, jump, None)
+    rays = Rays(model.mesh, camera, model.reach, jump, crease)
 
     def cast_some(first: int, last: int) -> None:
         rays.cast(seen, first, last)

@@ -4,7 +4,7 @@ The stages follow one idea: many hypotheses at few rays, few hypotheses at many 
 dome's spacing and end at what the sensor's errors allow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from itree_kernels.camera import Camera
@@ -20,7 +20,10 @@ NEEDLE_BIAS = np.radians(2.0)  # needles of a face share errors of interreflecti
 NEEDLE_PIXEL = np.radians(3.0)  # of one pixel, noise and raster together
 EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
 EDGE_BIAS = 0.15  # [px] shared by a contour
+EDGE_STD = 0.7  # [px] of an edge beside a pose's contour: half a pixel of its own and as much of the pose's
 DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
+FACE_TURNED = np.radians(8.0)  # what a highlight or a corner's reflections turn all needles of a face by
+FACE_MOVED = 10.0  # times what matched depth is off by else: a highlight lies behind a curved face, or before it
 NOISE_SIGMAS = 4.0
 LAST_SIGMAS = 3.0  # at the end: what a pixel is off by more is a part that leans on this one
 DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
@@ -45,6 +48,7 @@ class Schedule:
     last: Stage  # of the answers and their rivals, at the image's resolution
     deviations: Deviations
     independent: Deviations  # of the last stage: a depth map's pixels may err independently
+    by_contours: tuple[Stage, Deviations] | None  # another last stage, where whole faces' needles and depth may be off
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
@@ -108,14 +112,18 @@ def schedule(
     )
     values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
-    reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, edge)
+    reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, EDGE_STD if edge else 0.0)
     errors = SensorErrors(*(np.asarray(v, np.float32) for v in reckoned))
     deviations = Deviations(*(np.asarray(v, np.float32) for v in values))
     if edge == 0.0:
+        by_contours = None
         independent = deviations._replace(depth_bias=np.zeros((), np.float32))
         narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
         last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
     else:  # matched depth errs together over whole faces: no reason to believe it more
         independent = deviations
         last = Stage(6, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
-    return Schedule(rounds, turned, last, deviations, independent, errors, jump, 96)
+        moved, turned_by = (np.asarray(v, np.float32) for v in (FACE_MOVED * bias, FACE_TURNED))
+        astray = deviations._replace(depth_bias=moved, needle_bias=turned_by)
+        by_contours = replace(last, contour_gate=(DEPTH_EDGE_GATE, last_gate)), astray
+    return Schedule(rounds, turned, last, deviations, independent, by_contours, errors, jump, 96)

@@ -9,6 +9,7 @@ from scipy.special import expit
 HOPELESS = 0.02  # less probable poses don't compete
 LEAST_AGAINST = 1e-3  # contradiction below it is the raster's
 LEAST_NATS = 1e-3  # of an agreeing pixel
+MOST_BESIDE = 4.0  # [nats] a point of its contour: what a pose gains beyond is the number of its creases
 
 
 class Measures(NamedTuple):
@@ -21,7 +22,7 @@ class Measures(NamedTuple):
     lit: Float[np.ndarray, "*h"]  # share of the agreeing pixels that a light shows
     needles: Float[np.ndarray, "*h"]  # share of the agreeing pixels with an agreeing needle
     contour: Float[np.ndarray, "*h"]  # share of the visible contour at which the surface ends
-    beside: Float[np.ndarray, "*h"]  # nats of image edges and other cameras over those of the agreeing pixels
+    beside: Float[np.ndarray, "*h"]  # nats of image edges and other cameras by points of a contour of its size
     own: Float[np.ndarray, "*h"]  # share of its support that no better pose explains
     margin: Float[np.ndarray, "*h"]  # [nats] by which it beats the best other pose of its place; infinite without one
 
@@ -33,8 +34,8 @@ class Scoring(NamedTuple):
     bias: float
     least: float  # a pose whose place is less probable is no answer
     # [nats] by which likelihood ratios of two refinements of one pose scatter, as refinement stops a bit off the best
-    # pose: so much is no evidence. With a depth map 95 % lie within 18, with two cameras 68 % within 13 and 95 % within
-    # 192 (experiments/refinement_nats.py); the latter's is the likeliest (experiments/calibrate_scores.py).
+    # pose: so much is no evidence. With a depth map 95 % lie within 18 (experiments/refinement_nats.py); by images
+    # alone 10 and 20 fit the answers alike (experiments/calibrate_scores.py).
     refinement: float
 
 
@@ -45,12 +46,17 @@ SIGNS = {
 }  # fmt: skip
 
 
+def contour_of(pixels: Float[np.ndarray, "*h"]) -> Float[np.ndarray, "*h"]:
+    """Points of the contour of a square region of so many pixels."""
+    return 4.0 * np.sqrt(pixels)
+
+
 def terms(measures: Measures) -> Float[np.ndarray, "*h terms"]:
-    """The measures but the margin, each on a scale on which a logistic model may add them up, and all that they come
+    """The measures but the margin, each on a scale on which a logistic model may add them up, and all that pixels come
     to: the logarithm of what the pose explains [nats], in units of the sensor's smallest region.
     """
-    beside = np.clip(measures.beside, -1.0, 1.0)
-    of_pixel = np.maximum(measures.fit, LEAST_NATS) * (1.0 + beside - measures.against)
+    beside = np.clip(measures.beside, -MOST_BESIDE, MOST_BESIDE)
+    of_pixel = np.maximum(measures.fit, LEAST_NATS) * (1.0 - measures.against)
     nats = measures.size + np.log(np.maximum(of_pixel, LEAST_NATS))
     values = measures._replace(against=np.log(LEAST_AGAINST + measures.against), beside=beside)
     return np.stack([*values[:-1], nats], axis=-1)
@@ -71,13 +77,11 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
     return of_place(measures, scoring) * share(measures.margin, scoring.refinement)
 
 
-# Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; that of
-# two cameras of fifteen more (experiments/forest_parts.py), where answers of a score from 0.7 on were 96 % right by
-# weights that were fitted without their part (by the code before the glance, `at_a_glance`).
+# Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; those of
+# images alone of fifteen more (experiments/forest_parts.py), where answers of a score from 0.8 on were 98 % right with
+# two cameras and 93 % with one, by weights that were fitted without their part.
 SCORINGS = {
     "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012, 0.0), -17.652, 0.75, 20.0),
-    "stereo": Scoring(
-        (0.921, 0.0, -0.343, -13.146, 3.096, 0.0, 11.312, 1.332, 2.536, 0.719), -19.335, 0.7, 50.0,
-    ),
-    "none": Scoring((1.553, 6.377, -0.281, 0.0, 4.948, 0.0, 6.19, 1.045, 3.568, 0.0), -27.849, 0.5, 20.0),
+    "stereo": Scoring((2.020, 0.0, -0.249, -4.728, 0.0, 0.0, 0.0, 2.147, 1.151, 0.0), -8.257, 0.6, 20.0),
+    "none": Scoring((1.901, 1.962, -0.015, 0.0, 0.0, 0.0, 0.0, 2.726, 0.0, 0.208), -10.786, 0.6, 20.0),
 }

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.hypotheses import contour_share, flush_share
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, of_place, probability, share
+from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, contour_of, of_place, probability, share
 from itree_jax.refinement.verify import Verdict
 from itree_jax.refinement.window_totals import Totals, box, totals
 
@@ -42,7 +42,7 @@ class Judged:
     def log_likelihood(self) -> Float[np.ndarray, "hypotheses"]:
         """That of each pose against something else being there [nats, by image pixels]."""
         one, total = self.support, self.totals
-        return (total.spoken_for - total.spoken_against + one.beside) * one.stride**2
+        return (one.weight * (total.spoken_for - total.spoken_against) + one.beside) * one.stride**2
 
     @cached_property
     def totals(self) -> Totals:
@@ -195,7 +195,7 @@ def likelihood_ratio(support: Support, a: int, b: int, known: Totals | None = No
         place = slice(there[0] - top, there[1] - top), slice(there[2] - left, there[3] - left)
         differ[place] += np.float32(sign) * (support.pixels[h][window] + support.at_steps[h][window])
     beside = float(support.beside[a] - support.beside[b])
-    return (float(differ[np.abs(differ) > CLEAR].sum()) + beside) * support.stride**2
+    return (support.weight * float(differ[np.abs(differ) > CLEAR].sum()) + beside) * support.stride**2
 
 
 def measures_alone(one: Judged) -> Measures:
@@ -211,7 +211,7 @@ def measures_alone(one: Judged) -> Measures:
         lit=one.support.lit / some,
         needles=verdict.needles_agreeing / np.maximum(verdict.agreeing, 1.0),
         contour=contour_share(verdict),
-        beside=one.support.beside / np.maximum(for_, 1.0),
+        beside=one.support.beside / contour_of(some),
         own=np.ones(len(some)),
         margin=np.full(len(some), np.inf),
     )

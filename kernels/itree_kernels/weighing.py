@@ -9,7 +9,6 @@ See `itree_jax.refinement.likelihood` for what it says.
 
 from dataclasses import dataclass
 
-import numpy as np
 import warp as wp
 
 from itree_kernels.agreement import edge_distance
@@ -22,16 +21,14 @@ IN_SHADOW = wp.constant(0.4)  # share of a surface's pixels that a light doesn't
 SHADING_STD = wp.constant(0.06)  # of full albedo: what reflected light and needles' noise add
 BRIGHTEST = wp.constant(1.3)  # of full albedo: something else shades anywhere between 0 and this
 LIT_SHADING = wp.constant(0.2)  # of full albedo: what reflected light fills shadows with is less
-EDGE_FOUND = 0.85  # share of a true contour's points with an observed edge beside them
-EDGE_BY_CHANCE = 0.3  # share of other points that have one
+EDGE_FOUND = wp.constant(0.65)  # share of a true contour's points whose edge is found in the image
+EDGE_DENSITY = wp.constant(0.25)  # [1 / px] of distances to the nearest edge, beside points that are no contour's
 BLIND = wp.constant(0.3)  # weight of a pixel without depth: the shading of neighbours errs together
 BORDER = wp.constant(0.2)  # [px] by which a pose's own error moves a slanted surface
 STEEPEST = wp.constant(0.15)
 OTHER_SIDE = wp.constant(0.2)  # share of pixels beside a step that see its other side: by the pose's own error
 NEAR = wp.constant(4.0)  # deviations of depth within which a pixel is the pose's own
 ROOT_2_PI = wp.constant(2.5066283)
-EDGE_YES = float(np.log(EDGE_FOUND / EDGE_BY_CHANCE))
-EDGE_NO = float(np.log((1.0 - EDGE_FOUND) / (1.0 - EDGE_BY_CHANCE)))
 
 
 @wp.struct
@@ -42,7 +39,7 @@ class Errors:
     needle: float  # [rad]
     reach: float  # [mm] of depth over which something else may lie
     pitch: float  # [mm] of a pixel at the working distance
-    edge: float  # [px]; 0: contours are steps of depth, which the pixels tell
+    edge: float  # [px] of an image's edge beside its contour; 0: contours are steps of depth, which the pixels tell
 
 
 @wp.func
@@ -72,6 +69,14 @@ def shading_ratio(maps: SceneMaps, row: int, column: int, normal: wp.vec3) -> fl
         ratio = BRIGHTEST * ((1.0 - IN_SHADOW) * lit + IN_SHADOW * less)
         total += wp.log((1.0 - OUTLIERS) * ratio + OUTLIERS)
     return total
+
+
+@wp.func
+def edge_ratio(distance: float, std: float) -> float:
+    """Of a contour point and its distance to the nearest edge [px]."""
+    off = distance / std
+    beside = 2.0 / (std * ROOT_2_PI) * wp.exp(-0.5 * off * off)
+    return wp.log(EDGE_FOUND * beside / EDGE_DENSITY + 1.0 - EDGE_FOUND)
 
 
 @wp.func
@@ -131,8 +136,6 @@ def weighing_kernel(
     maps: SceneMaps,
     stride: float,
     errors: Errors,
-    edge_yes: float,
-    edge_no: float,
     first: int,
     # Out:
     pixels: wp.array3d(dtype=float),
@@ -195,8 +198,7 @@ def weighing_kernel(
                 j = contour_column[h, side, i, m]
                 if j < 0:
                     break
-                at_edge = edge_distance(maps, contour_uv[h, side, i, j]) < errors.edge
-                total += wp.where(at_edge, edge_yes, edge_no)
+                total += edge_ratio(edge_distance(maps, contour_uv[h, side, i, j]), errors.edge)
     contour[h, i] = 0.5 * total  # contour points are counted along rows and along columns
 
 
@@ -237,7 +239,7 @@ def weigh_rows(
         inputs=[
             seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth,
             seen.contour_column, normal_obj,
-            by.maps, float(seen.stride), errors, EDGE_YES, EDGE_NO, first,
+            by.maps, float(seen.stride), errors, first,
         ],
         outputs=[weighed.pixels, weighed.at_steps, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,
     )  # fmt: skip

@@ -44,6 +44,12 @@ def needle_ratio_kernel(cosine: wp.array(dtype=float), std: float, out: wp.array
     out[k] = weighing.needle_ratio(cosine[k], std)
 
 
+@wp.kernel(enable_backward=False)
+def edge_ratio_kernel(distance: wp.array(dtype=float), std: float, out: wp.array(dtype=float)):
+    k = wp.tid()
+    out[k] = weighing.edge_ratio(distance[k], std)
+
+
 def on_cpu(values, kind=float) -> wp.array:
     return wp.array(np.asarray(values, np.float32), dtype=kind, device="cpu")
 
@@ -74,4 +80,10 @@ def depth_ratio(gap, std: float, reach: float) -> np.ndarray:
 def needle_ratio(cosine, std: float) -> np.ndarray:
     out = on_cpu(np.zeros(len(cosine)))
     wp.launch(needle_ratio_kernel, dim=len(cosine), inputs=[on_cpu(cosine), std], outputs=[out], device="cpu")
+    return out.numpy()
+
+
+def edge_ratio(distance, std: float) -> np.ndarray:
+    out = on_cpu(np.zeros(len(distance)))
+    wp.launch(edge_ratio_kernel, dim=len(distance), inputs=[on_cpu(distance), std], outputs=[out], device="cpu")
     return out.numpy()

@@ -6,16 +6,16 @@ import pytest
 from itree_cad.primitives import box_part
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import ray_mesh
-from itree_kernels.weighing import LIT_SHADING, OUTLIERS, SEEN_THROUGH
+from itree_kernels.weighing import EDGE_DENSITY, EDGE_FOUND, LIT_SHADING, OUTLIERS, SEEN_THROUGH
 from scipy.spatial.transform import Rotation
 
-from itree_jax.refinement.likelihood import SensorErrors, support
+from itree_jax.refinement.likelihood import BESIDE_CONTOURS, STEPS_BESIDE_CONTOURS, SensorErrors, support
 from itree_jax.refinement.observed import observe
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals
 from itree_jax.refinement.select import likelihood_ratio
 from itree_jax.tree.appearances import mesh_reach
 
-from .asked import depth_ratio, needle_ratio, shading
+from .asked import depth_ratio, edge_ratio, needle_ratio, shading
 
 CAMERA = Camera("pinhole", 800.0, 800.0, 79.5, 59.5, 160, 120)
 PART = box_part(40.0, 30.0, 20.0)
@@ -43,9 +43,9 @@ def scene(R_true=R, t_true=T, floor=950.0, noise=0.3, mesh=MESH):
     return observe(normals.astype(np.float32), hit.astype(np.float32), z.astype(np.float32), JUMP)
 
 
-def weighed(observed, *poses, model=MODEL, errors=ERRORS):
+def weighed(observed, *poses, model=MODEL, errors=ERRORS, crease=None):
     R_all, t_all = (np.stack(values).astype(np.float32) for values in zip(*poses, strict=True))
-    return support(Hypotheses(R_all, t_all), model, observed, CAMERA, errors, JUMP, size=128)
+    return support(Hypotheses(R_all, t_all), model, observed, CAMERA, errors, JUMP, size=128, crease=crease)
 
 
 def total(one):
@@ -65,6 +65,30 @@ def test_needles_of_a_pose_and_of_anything_have_one_mass():
     ratio = np.exp(needle_ratio(np.cos(angle), 0.05))
     assert np.trapezoid(ratio * np.sin(angle), angle) == pytest.approx(1.0, rel=0.01)
     assert needle_ratio([0.0], 0.05)[0] == pytest.approx(np.log(OUTLIERS), rel=1e-5)
+
+
+@pytest.mark.parametrize("std", [0.4, 0.7, 1.5])
+def test_the_edge_beside_a_contour_is_its_own_or_any(std):
+    """The part of it that is its own has the mass of the edges that are found; far from any edge the rest is left."""
+    distance = np.linspace(0.0, 20.0, 20001)
+    own = np.exp(edge_ratio(distance, std)) - (1.0 - EDGE_FOUND)
+    assert np.trapezoid(own * EDGE_DENSITY, distance) == pytest.approx(EDGE_FOUND, rel=1e-3)
+    assert edge_ratio([1e30], std)[0] == pytest.approx(np.log(1.0 - EDGE_FOUND), rel=1e-5)
+    assert (np.diff(edge_ratio(distance, std)) <= 0.0).all()
+
+
+def test_where_contours_tell_pixels_count_less_and_creases_are_contours():
+    """What is weighed stays; what it is worth beside contours changes. A box that shows three faces has creases."""
+    by_depth = weighed(scene(), (R, T))
+    by_edges = weighed(scene(), (R, T), errors=ERRORS._replace(edge=jnp.float32(0.7)))
+    np.testing.assert_array_equal(by_depth.pixels, by_edges.pixels)
+    np.testing.assert_allclose(
+        by_edges.weight * by_edges.at_steps, STEPS_BESIDE_CONTOURS * by_depth.at_steps, rtol=1e-5
+    )
+    assert (by_depth.weight, by_edges.weight) == (1.0, BESIDE_CONTOURS)
+    assert by_depth.beside[0] == 0.0
+    with_creases = weighed(scene(), (R, T), errors=ERRORS._replace(edge=jnp.float32(0.7)), crease=np.radians(25.0))
+    assert with_creases.beside[0] < by_edges.beside[0] - 10.0  # three creases that no depth step shows
 
 
 def test_the_true_pose_is_likelier_than_any_other_near_it():

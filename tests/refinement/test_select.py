@@ -9,7 +9,7 @@ from itree_cad.primitives import box_part
 from itree_kernels.mesh import ray_mesh
 
 from itree_jax.refinement.likelihood import Support
-from itree_jax.refinement.scoring import SCORINGS, SIGNS, Measures, probability, terms
+from itree_jax.refinement.scoring import SCORINGS, SIGNS, Measures, contour_of, probability, terms
 from itree_jax.refinement.select import Judged, likelihood_ratio, select_jointly, together
 from itree_jax.refinement.solids import share_space, solid
 from itree_jax.refinement.verify import Verdict
@@ -65,6 +65,19 @@ def test_what_is_no_answer_takes_no_belief_from_one():
     assert found.accepted.tolist() == [0]
     assert found.score[0] == pytest.approx(chosen(judged([block()], [FAIR], contour=0.7)).score[0])
     assert found.rivals[0][0].tolist() == []
+
+
+def test_pixels_are_weighed_beside_contours():
+    """One pose explains its pixels better, the other one its contour: the weight of a pixel decides."""
+    two = judged([block(), block()], [GOOD, FAIR])
+    beside = np.array([0.0, 100.0])
+    for weight, best in ((1.0, 0), (0.003, 1)):
+        support = two.support._replace(beside=beside, weight=weight)
+        one = Judged(two.verdict, support, LEAST, two.near)
+        pixels = support.pixels.sum(axis=(1, 2), dtype=float)
+        np.testing.assert_allclose(one.log_likelihood, (weight * pixels + beside) * support.stride**2, rtol=1e-3)
+        assert one.log_likelihood.argmax() == best
+        assert (likelihood_ratio(support, 0, 1) > 0.0) == (best == 0)
 
 
 @pytest.mark.parametrize("order", [(GOOD, FAIR), (FAIR, GOOD)])
@@ -235,16 +248,17 @@ def test_more_doubt_never_makes_a_pose_more_probable(kind):
         assert of(**{name: value}) <= of(), name
 
 
-def test_the_last_term_is_the_logarithm_of_all_that_a_pose_explains():
-    """Nats for it, less those against it, and those of edges and other cameras, over the smallest region's pixels."""
-    pixels, smallest, for_, against, beside = 900.0, 60.0, 4000.0, 500.0, 700.0
+def test_the_last_term_is_the_logarithm_of_all_that_the_pixels_of_a_pose_explain():
+    """Nats for it, less those against it, over the smallest region's pixels; a region of 900 has 120 around it."""
+    pixels, smallest, for_, against, beside = 900.0, 60.0, 4000.0, 500.0, 180.0
     measured = {
         "size": np.log(pixels / smallest), "fit": for_ / pixels, "against": against / for_, "hidden": 0.0, "lit": 1.0,
-        "needles": 0.5, "contour": 0.9, "beside": beside / for_, "own": 1.0, "margin": np.inf,
+        "needles": 0.5, "contour": 0.9, "beside": beside / contour_of(pixels), "own": 1.0, "margin": np.inf,
     }  # fmt: skip
     every = terms(Measures(*(np.float64(v) for v in measured.values())))
     assert len(every) == len(SIGNS)
-    assert every[-1] == pytest.approx(np.log((for_ - against + beside) / smallest))
+    assert every[-1] == pytest.approx(np.log((for_ - against) / smallest))
+    assert every[list(SIGNS).index("beside")] == 1.5
 
 
 @pytest.mark.parametrize("kind", sorted(SCORINGS))

@@ -1,0 +1,80 @@
+"""Where a highlight turns a face's needles and moves its matched depth, contours keep the pose."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import trimesh
+from itree_cad.bundled import bundled_part
+from itree_kernels.instances import Material
+from itree_kernels.mesh import ray_mesh
+from scipy.spatial.transform import Rotation
+
+from itree_jax.refinement.likelihood import support
+from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, refine
+from itree_jax.sight import Sight, look
+from itree_jax.tree.appearances import mesh_reach
+
+from ..stereo.two_views import CAMERA, as_mesh, converging, two_views
+
+PART = bundled_part("ikeuchi-1987")
+MESH = ray_mesh(PART.vertices, PART.triangles, PART.face_of_triangle, device="cpu")
+MODEL = RefineModel(MESH, padded_normals(MESH.triangle_normals), mesh_reach(MESH), PART.diameter)
+R = Rotation.from_euler("xyz", [28, 12, 20], degrees=True).as_matrix()
+T = np.array([-4.0, 3.0, 872.0])
+SPACING = np.radians(20.0)  # of a dome
+TURNED, MOVED = np.radians(7.0), 4.0  # [rad], [mm]
+
+
+@pytest.fixture(scope="module")
+def seen():
+    floor = as_mesh(trimesh.creation.box((900, 900, 10)))
+    material = Material(np.array([0.4, 0.05]), np.zeros(2), 10.0)
+    poses = np.stack([R, np.eye(3)]), np.stack([T, [0.0, 0.0, 905.0]])
+    views = two_views([MESH, floor], *poses, material, CAMERA, *converging(), seed=3)
+    return look(views.images, views.sensor, None, second=views.second), views.lit.instance == 0
+
+
+def astray(sight: Sight, part: np.ndarray) -> Sight:
+    """All needles of the part turned and all its depth moved, as no noise would, in what poses are held against."""
+    turn = Rotation.from_rotvec([TURNED, 0.0, 0.0]).as_matrix()
+    observed = sight.observed
+    normals = np.where(part[..., None], np.asarray(observed.normals) @ turn.T, np.asarray(observed.normals))
+    depth = np.asarray(observed.depth)
+    depth = np.where(part & (depth > 0.0), depth + np.float32(MOVED), depth)
+    seen = observed._replace(normals=jnp.asarray(normals, jnp.float32), depth=jnp.asarray(depth))
+    return replace(sight, observed=seen)
+
+
+def rim_error(pose: Hypotheses) -> float:
+    """How far [mm] a point of the part is off at most."""
+    there, true = (PART.vertices @ np.asarray(a, float).T + b for a, b in ((pose.R_cam_obj[0], pose.t_cam_obj[0]),
+                                                                           (R, T)))  # fmt: skip
+    return float(np.linalg.norm(there - true, axis=1).max())
+
+
+def test_the_last_stage_by_contours_stays_where_needles_and_depth_lead_astray(seen):
+    sight = astray(*seen)
+    plan = sight.plan(PART.diameter, SPACING)
+    off = Rotation.from_rotvec(np.radians([1.0, -0.5, 0.5])).as_matrix()
+    start = Hypotheses((off @ R)[None].astype(np.float32), (T + np.array([0.3, 0.2, 1.0]))[None].astype(np.float32))
+    assert plan.by_contours is not None
+
+    def polished(stage, deviations):
+        return refine(start, MODEL, sight.observed, CAMERA, deviations, [stage], plan.jump, sight.others, sight.crease)
+
+    usual, found = polished(plan.last, plan.independent), polished(*plan.by_contours)
+    assert rim_error(found) < 0.5 * rim_error(usual)
+    assert rim_error(found) < 0.05 * PART.diameter
+    both = Hypotheses(*(np.concatenate(pair) for pair in zip(found, usual, strict=True)))
+    weighed = support(both, MODEL, sight.observed, CAMERA, plan.errors, plan.jump, sight.others, crease=sight.crease)
+    pixels = weighed.pixels.sum(axis=(1, 2), dtype=float)
+    nats = weighed.weight * pixels + weighed.beside
+    assert pixels[0] < pixels[1]  # pixel by pixel what leads astray is believed
+    assert nats[0] > nats[1]
+
+
+def test_a_depth_map_has_no_such_stage(seen):
+    sight, _ = seen
+    assert replace(sight, edge_reach=0.0).plan(PART.diameter, SPACING).by_contours is None
