@@ -24,7 +24,7 @@ from itree_jax.sight import Sight
 from itree_jax.stereo.dual_stereo import AGREES
 
 # Probability from which on a pose's pixels need no other explanation: with a depth map, and by images alone. Of two
-# cameras no wrong answer of 28 had a score of the latter or above, of right ones 60 % (experiments/calibrate_scores.py).
+# cameras no wrong answer of 28 had the latter or more, of right ones 60 % (experiments/calibrate_scores.py).
 SURE, SURE_BY_IMAGES = 0.9, 0.98
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about
@@ -157,10 +157,15 @@ def soft_steps(depth: Float[np.ndarray, "height width"]) -> Bool[np.ndarray, "he
     return (cv2.dilate(smooth, around) - nearest) > AGREES
 
 
-def explained(answers: list[Interpretation], sight: Sight) -> Bool[np.ndarray, "height width"]:
-    """Pixels of poses that are surely right, less what hides them, and those beside."""
+def explained(
+    answers: list[Interpretation], sight: Sight, sure: float | None = None
+) -> Bool[np.ndarray, "height width"]:
+    """Pixels of poses that are surely right, less what hides them, and those beside. `sure`: the score that they
+    exceed; None: what is sure by where depth comes from.
+    """
     shape = sight.sensor.camera.height, sight.sensor.camera.width
-    sure = SURE if sight.kind == "depth" else SURE_BY_IMAGES
+    if sure is None:
+        sure = SURE if sight.kind == "depth" else SURE_BY_IMAGES
     mask = np.zeros(shape, np.uint8)
     for answer in answers:
         support = answer.judged.support

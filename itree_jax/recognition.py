@@ -17,6 +17,7 @@ from itree_jax.backtracking import (
     FIRST,
     Beam,
     by_two_lights,
+    explained,
     left_over,
     likeliest,
     unread,
@@ -54,6 +55,7 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_SMALL = "it is much smaller than the part's regions"
+MOSTLY = 0.5  # of a region's pixels
 AGAIN = slice(2, None)  # rounds that poses go through twice without a depth map: at first many stop on the way
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
@@ -219,7 +221,9 @@ def search_deeper(
 
 
 def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float) -> Detections:
-    """The accepted poses, and the regions without one. Regions of a second reading are counted after the first's."""
+    """The accepted poses, and the regions without one. Regions of a second reading are counted after the first's; those
+    of a pose that was accepted already, but not surely, are not without one.
+    """
     readings = list({id(a.found): a.found for a in answers}.values()) or [sight.found]
     labels, first = readings[0].labels.copy(), 0
     numbers = {}
@@ -231,13 +235,16 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
         numbers[id(a.found)] + int(a.hypotheses.region[h]) for a in answers for h in a.selection.accepted
     }
     there = set(np.unique(labels).tolist())
+    answered = explained(answers, sight, sure=0.0)
     unexplained = []
     for found in readings:
         of_reading = [a for a in answers if a.found is found]
         bright = replace(sight, found=found).bright
         for r in range(found.count):
             number = numbers[id(found)] + r
-            if number in there and number not in recognised:
+            if number not in there or number in recognised:
+                continue
+            if found is readings[0] or answered[labels == number].mean() <= MOSTLY:
                 left = any(a.said.left[r].any() for a in of_reading)
                 reason = best_reason(of_reading, r) or (TOO_DARK if not bright[r] else TOO_SMALL if left else NO_PART)
                 place = place_of(labels == number)
