@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from itree_jax.answers import Interpretation, measured_by
 from itree_jax.challenge import others_than, plan_of, with_more
 from itree_jax.narrowing import judge, narrow
-from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.uncertainty import RimMotions, without_free_turns
 from itree_jax.sight import Sight
@@ -42,7 +41,7 @@ def moved_along_least_told(answer: Interpretation, sight: Sight) -> Interpretati
     found = others_than(own, narrow(found, prepared, sight, plan.turned[-2:], plan, KEEP), prepared)
     if not len(found.region):
         return answer
-    found: RegionHypotheses = found._replace(region=answer.hypotheses.region[accepted][found.region])
+    found = found._replace(region=answer.hypotheses.region[accepted][found.region])
     return with_more(answer, found, judge(found, prepared, sight, plan), sight)
 
 
