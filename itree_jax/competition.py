@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from math import dist
 
 import numpy as np
@@ -18,7 +17,7 @@ from itree_jax.sight import Sight
 
 def select(judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sight: Sight) -> Selection:
     """Which hypotheses of one part explain the scene together."""
-    collide = collisions([(prepared, hypotheses)])
+    collide = collisions([(prepared, hypotheses, judged)])
     camera = sight.sensor.camera
     return select_jointly([judged], (camera.height, camera.width), collide, SCORINGS[sight.kind])[0]
 
@@ -33,23 +32,26 @@ def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
 
 def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:
     """Which hypotheses of all answers explain the scene together, and how probable each is."""
-    collide = collisions([(a.prepared, a.hypotheses) for a in answers])
+    collide = collisions([(a.prepared, a.hypotheses, a.judged) for a in answers])
     camera = sight.sensor.camera
     return select_jointly([a.judged for a in answers], (camera.height, camera.width), collide, scoring)
 
 
-def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses]]) -> Callable[[Key, Key], bool]:
+def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses, Judged]]) -> Callable[[Key, Key], bool]:
     """Whether two hypotheses, keyed by (part, index), share space."""
-    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses in bodies]
-    solids = [prepared.solid for prepared, _ in bodies]
+    poses = [tuple(np.asarray(a, float) for a in hypotheses.poses) for _, hypotheses, _ in bodies]
+    solids = [prepared.solid for prepared, _, _ in bodies]
     centres = [(R @ one.mesh.centre + t).tolist() for one, (R, t) in zip(solids, poses, strict=True)]
+    found = [judged.totals.found for _, _, judged in bodies]
 
-    @cache
     def collide(a: Key, b: Key) -> bool:
         one, other = solids[a[0]], solids[b[0]]
         if dist(centres[a[0]][a[1]], centres[b[0]][b[1]]) > one.mesh.radius + other.mesh.radius:
             return False
-        (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
-        return share_space(one, R_a[a[1]], t_a[a[1]], other, R_b[b[1]], t_b[b[1]])
+        known, beside = found[a[0]][a[1]].shares_space, found[b[0]][b[1]]
+        if beside not in known:
+            (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]
+            known[beside] = share_space(one, R_a[a[1]], t_a[a[1]], other, R_b[b[1]], t_b[b[1]])
+        return known[beside]
 
     return collide

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,11 +11,9 @@ from itree_jax.refinement.hypotheses import contour_share, flush_share
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, contour_of, of_place, probability, share
 from itree_jax.refinement.verify import Verdict
-from itree_jax.refinement.window_totals import Totals, box, totals
+from itree_jax.refinement.window_totals import Places, Totals, box, totals
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
-Ratio = Callable[[int, int, int], float]  # of two hypotheses of a part [nats]
-Explained = Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]]  # see `_pixels`
 Rivals = tuple[Int[np.ndarray, "others"], Float[np.ndarray, "others"]]
 
 LEAST_OWN_SHARE = 0.6  # of a pose's support that no better pose has explained already
@@ -48,6 +46,21 @@ class Judged:
     def totals(self) -> Totals:
         """What the windows of the support come to."""
         return totals(self.support) if self.summed is None else self.summed
+
+    def ratio(self, a: int, b: int) -> float:
+        """`likelihood_ratio` of two hypotheses [nats]."""
+        one, other = self.totals.found[a], self.totals.found[b]
+        if other not in one.ratios:
+            one.ratios[other] = likelihood_ratio(self.support, a, b, self.totals)
+            other.ratios[one] = -one.ratios[other]
+        return one.ratios[other]
+
+    def explains(self, h: int, image_shape: tuple[int, int]) -> Places:
+        """Rows and columns of the image pixels that a hypothesis explains, and how well [nats]."""
+        found = self.totals.found[h]
+        if found.explains is None:
+            found.explains = _pixels(self, h, image_shape)
+        return found.explains
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
@@ -104,12 +117,10 @@ def select_jointly(
                 out[part, h] = "the surface goes on across the pose's contour"
             elif scores[part][h] < HOPELESS:
                 out[part, h] = "the rendered pose contradicts the scene"
-    ratio = cache(lambda part, a, b: likelihood_ratio(judged[part].support, a, b, judged[part].totals))
-    explained = cache(lambda part, h: _pixels(judged[part], h, image_shape))
     for _ in range(ROUNDS):
-        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out, ratio, explained)
-        rivals = {key: _rivals(key, accepted, judged, share_space, ratio, out) for key in accepted}
-        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1], explained) for key in accepted}
+        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
+        rivals = {key: _rivals(key, accepted, judged, share_space, out) for key in accepted}
+        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
         improbable = [
@@ -140,7 +151,7 @@ def _selection(
 
 def _greedy(
     judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]], image_shape: tuple[int, int],
-    share_space: Callable[[Key, Key], bool], out: dict[Key, str], ratio: Ratio, explained: Explained,
+    share_space: Callable[[Key, Key], bool], out: dict[Key, str],
 ) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "height width"]]:
     """The accepted hypotheses, why others are not, and whose each pixel is (-1 nobody's)."""
     owner = np.full(image_shape, -1)
@@ -153,9 +164,9 @@ def _greedy(
     waiting = [(part, h) for _, part, h in weighed]
     near = [[set(np.flatnonzero(row).tolist()) for row in one.near] for one in judged]
     while waiting:
-        key = _best_of_place(waiting, near, ratio)
+        key = _best_of_place(waiting, near, judged)
         waiting.remove(key)
-        rows, columns, weight = explained(*key)
+        rows, columns, weight = judged[key[0]].explains(key[1], image_shape)
         own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
         if own < LEAST_OWN_SHARE:
             reasons[key] = "a better pose explains the same pixels"
@@ -167,13 +178,15 @@ def _greedy(
     return accepted, reasons, owner
 
 
-def _best_of_place(waiting: Sequence[Key], near: Sequence[Sequence[set[int]]], ratio: Ratio) -> Key:
+def _best_of_place(
+    waiting: Sequence[Key], near: Sequence[Sequence[set[int]]], judged: Sequence[Judged]
+) -> Key:
     """The likeliest hypothesis, or another one of its place that wins where the two differ. `near`: of every part and
     hypothesis, those of the same place.
     """
     part, best = waiting[0]
     for p, h in waiting[1:]:
-        if p == part and h in near[part][best] and ratio(part, h, best) > 0.0:
+        if p == part and h in near[part][best] and judged[part].ratio(h, best) > 0.0:
             best = h
     return part, best
 
@@ -200,7 +213,7 @@ def likelihood_ratio(support: Support, a: int, b: int, known: Totals | None = No
 
 def measures_alone(one: Judged) -> Measures:
     """What the scores of all hypotheses go by, were they alone in the scene."""
-    for_, against, agreeing, hidden, _ = one.totals
+    for_, against, agreeing, hidden, *_ = one.totals
     some = np.maximum(agreeing, 1)
     verdict = one.verdict
     return Measures(
@@ -219,13 +232,13 @@ def measures_alone(one: Judged) -> Measures:
 
 def _in_company(
     key: Key, accepted: Sequence[Key], judged: Sequence[Judged], alone: Sequence[Measures],
-    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"], explained: Explained,
+    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"],
 ) -> Measures:
     """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals."""
     part, h = key
     one, number = judged[part], list(accepted).index(key)
     measured = Measures(*(np.asarray(values)[h] for values in alone[part]))
-    rows, columns, weight = explained(*key)
+    rows, columns, weight = one.explains(h, owner.shape)
     rows_h, columns_h = _places(one, h, one.support.hidden[h][_window(one, h)], owner.shape)
     covered = owner[rows_h, columns_h]
     by_nobody = int(((covered < 0) | (covered == number)).sum())
@@ -237,13 +250,13 @@ def _in_company(
 
 
 def _rivals(
-    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool], ratio: Ratio,
+    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], share_space: Callable[[Key, Key], bool],
     out: dict[Key, str],
 ) -> Rivals:
     """Of an accepted pose: other poses of its place, possible in themselves, that no other answer excludes."""
     part, h = key
     others = [other for other in accepted if other != key]
-    margins = {int(k): ratio(part, h, int(k)) for k in np.flatnonzero(judged[part].near[h])}
+    margins = {int(k): judged[part].ratio(h, int(k)) for k in np.flatnonzero(judged[part].near[h])}
     found = {
         k: margin for k, margin in margins.items()
         if margin < NO_RIVAL and (part, k) not in out and not any(share_space((part, k), other) for other in others)
@@ -251,10 +264,8 @@ def _rivals(
     return np.array(list(found), int), np.array(list(found.values()), float)
 
 
-def _pixels(
-    one: Judged, h: int, image_shape: tuple[int, int]
-) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"], Float[np.ndarray, "pixels"]]:
-    """Rows and columns of the image pixels that a hypothesis explains, and how well [nats]."""
+def _pixels(one: Judged, h: int, image_shape: tuple[int, int]) -> Places:
+    """As `Judged.explains`."""
     nats = one.support.pixels[h][_window(one, h)]
     mask = nats > 0
     return *_places(one, h, mask, image_shape), nats[mask].astype(np.float32)

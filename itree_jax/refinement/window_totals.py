@@ -1,11 +1,23 @@
-"""What weighed windows come to: sums over each window, and the part of it that is not empty."""
+"""What weighed windows come to: sums over each window, the part of it that is not empty, and what was found since."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 
 from itree_jax.refinement.likelihood import Support
+
+Places = tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"], Float[np.ndarray, "pixels"]]
+
+
+@dataclass(eq=False)
+class Found:
+    """What selections have found of one hypothesis: the next one, in other company, need not look again."""
+
+    ratios: dict["Found", float] = field(default_factory=dict)  # log-likelihood ratio to another one [nats]
+    shares_space: dict["Found", bool] = field(default_factory=dict)  # with another one
+    explains: Places | None = None  # rows and columns of image pixels, and how well [nats]
 
 
 class Totals(NamedTuple):
@@ -16,6 +28,7 @@ class Totals(NamedTuple):
     agreeing: Int[np.ndarray, "h"]  # pixels that speak for the pose
     hidden: Int[np.ndarray, "h"]  # pixels behind something nearer
     box: Int[np.ndarray, "h 4"]  # first and end row, first and end column of what isn't empty
+    found: Shaped[np.ndarray, "h"]  # of `Found`
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Totals":
         return Totals(*(values[index] for values in self))
@@ -30,13 +43,13 @@ def totals(support: Support) -> Totals:
     windows = [
         (
             np.maximum(pixels, 0.0).sum(), -np.minimum(pixels, 0.0).sum(), np.count_nonzero(pixels > 0),
-            np.count_nonzero(hidden), box(support, h),
+            np.count_nonzero(hidden), box(support, h), Found(),
         )
         for h, (pixels, hidden) in enumerate(zip(support.pixels, support.hidden, strict=True))
     ]  # fmt: skip
     if not windows:
         none = np.zeros(0, support.pixels.dtype)
-        return Totals(none, none, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int))
+        return Totals(none, none, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int), np.zeros(0, object))
     return Totals(*(np.array(values) for values in zip(*windows, strict=True)))
 
 
