@@ -1,8 +1,9 @@
 """Compiles every model of a data set for its lights, recognises every scene, and prints the table per level and part.
 
     python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR] [--depth file|stereo|none] [--trees DIR]
+        [--picks N]
 
-The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the command line, as a user would.
+With `--picks` no more than the highest regions are read: recall then says how many parts that gave. The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the command line, as a user would.
 """
 
 import argparse
@@ -26,6 +27,7 @@ class Config:
     out: Path = Path("out/evaluate_scenes")
     depth: str = "file"
     trees: Path | None = None  # of an earlier run: they are used instead of compiling
+    picks: int | None = None
 
 
 def main(config: Config) -> None:
@@ -62,7 +64,8 @@ def recognise_part(config: Config, obj_id: int, folders: list[Path]) -> Path:
         link = scenes / folder.name
         link.unlink(missing_ok=True)
         link.symlink_to(folder.resolve(), target_is_directory=True)
-    run("recognize", scenes, *trees, "-o", csv, "--depth", config.depth)
+    picks = [] if config.picks is None else ["--picks", config.picks]
+    run("recognize", scenes, *trees, "-o", csv, "--depth", config.depth, *picks)
     return csv
 
 
@@ -95,4 +98,5 @@ if __name__ == "__main__":
     parser.add_argument("--out", type=Path, default=Config.out)
     parser.add_argument("--depth", choices=("file", "stereo", "none"), default=Config.depth)
     parser.add_argument("--trees", type=Path, default=None)
+    parser.add_argument("--picks", type=int, default=None)
     main(Config(**vars(parser.parse_args())))

@@ -157,6 +157,16 @@ def soft_steps(depth: Float[np.ndarray, "height width"]) -> Bool[np.ndarray, "he
     return (cv2.dilate(smooth, around) - nearest) > AGREES
 
 
+def sure_from(sight: Sight) -> float:
+    """The score above which a pose is surely right."""
+    return SURE if sight.kind == "depth" else SURE_BY_IMAGES
+
+
+def count_of_sure(answers: list[Interpretation], sight: Sight) -> int:
+    """Accepted poses that are surely right."""
+    return sum(int((a.selection.score[a.selection.accepted] > sure_from(sight)).sum()) for a in answers)
+
+
 def explained(
     answers: list[Interpretation], sight: Sight, sure: float | None = None
 ) -> Bool[np.ndarray, "height width"]:
@@ -164,8 +174,7 @@ def explained(
     exceed; None: what is sure by where depth comes from.
     """
     shape = sight.sensor.camera.height, sight.sensor.camera.width
-    if sure is None:
-        sure = SURE if sight.kind == "depth" else SURE_BY_IMAGES
+    sure = sure_from(sight) if sure is None else sure
     mask = np.zeros(shape, np.uint8)
     for answer in answers:
         support = answer.judged.support

@@ -1,4 +1,4 @@
-"""Whether arrays hold numbers that an image, a depth map and a rotation can hold."""
+"""Whether arrays hold numbers that an image, a depth map and a rotation can hold, and picks are a number of poses."""
 
 import numpy as np
 from itree_kernels.errors import ItreeError
@@ -23,6 +23,12 @@ def check_numbers(
         R = np.asarray(R_w2c)
         if not _is_rotation(R):
             raise ItreeError(f"R_w2c is not a rotation matrix: {R.tolist()}")
+
+
+def check_picks(picks: int | None) -> None:
+    """Raises ItreeError where so many poses can't be asked for."""
+    if picks is not None and (isinstance(picks, bool) or not isinstance(picks, int | np.integer) or picks < 1):
+        raise ItreeError(f"picks is {picks!r}; give how many sure poses are enough, 1 or more, or None for all")
 
 
 def _is_rotation(R: np.ndarray) -> bool:

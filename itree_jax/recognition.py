@@ -17,6 +17,7 @@ from itree_jax.backtracking import (
     FIRST,
     Beam,
     by_two_lights,
+    count_of_sure,
     explained,
     left_over,
     likeliest,
@@ -25,7 +26,7 @@ from itree_jax.backtracking import (
 from itree_jax.challenge import challenged
 from itree_jax.competition import compete, select
 from itree_jax.detections import TOO_DARK, Detections, place_of
-from itree_jax.input_check import check_numbers
+from itree_jax.input_check import check_numbers, check_picks
 from itree_jax.narrowing import judge, narrow
 from itree_jax.open_places import every_attitude, open_places
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
@@ -55,7 +56,9 @@ from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_SMALL = "it is much smaller than the part's regions"
+NOT_READ = "it was not read: higher ones gave enough sure poses"
 MOSTLY = 0.5  # of a region's pixels
+AT_ONCE = 4  # regions that are read together where a few picks are enough: most parts show two
 AGAIN = slice(2, None)  # rounds that poses go through twice without a depth map: at first many stop on the way
 PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
 BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
@@ -68,6 +71,7 @@ def recognize(
     depth: Float[np.ndarray, "*batch height width"] | None = None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | Sequence[SecondCamera] | None = None,
+    picks: int | None = None,
 ) -> Detections | list[Detections]:
     """Poses of the parts in the images.
 
@@ -79,17 +83,21 @@ def recognize(
         R_w2c: world (z up) to camera, for the order in which answers are offered: highest first.
         second: what a second camera saw; where there is no depth map, depth comes from the two (one per image of a
             batch). With neither, a part's size alone tells how far it is: see `Detection.translation_std`.
+        picks: so many sure poses are enough: the highest regions are read, a few at a time, and the others not at all
+            once so many are found. None: every region is read.
 
     Returns finished results (the call blocks until they are there). Scenes of a batch share the cores; each comes out
     as it does alone, to the bit.
 
     Raises:
-        ItreeError: shapes don't fit the sensor, or the trees make no forest (see `compile_forest`).
+        ItreeError: shapes don't fit the sensor, `picks` is no number of poses, or the trees make no forest (see
+            `compile_forest`).
     """
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
     check_numbers(images, depth, R_w2c)
+    check_picks(picks)
     if images.ndim == 4 and not len(images):
         return []
     if images.ndim == 4:
@@ -98,10 +106,11 @@ def recognize(
         first, *rest = zip(images, depths, seconds, strict=True)
 
         def one(scene: tuple[np.ndarray, np.ndarray | None, SecondCamera | None]) -> Detections:
-            return recognize_one(forest, scene[0], sensor, scene[1], R_w2c, scene[2])
+            return recognize_one(forest, scene[0], sensor, scene[1], R_w2c, scene[2], picks)
 
         return [one(first), *on_all_cores(one, rest)]  # the first alone: nothing is compiled twice
-    return recognize_one(forest, images, sensor, depth, R_w2c, second[0] if isinstance(second, Sequence) else second)
+    second = second[0] if isinstance(second, Sequence) else second
+    return recognize_one(forest, images, sensor, depth, R_w2c, second, picks)
 
 
 def as_forest(
@@ -122,11 +131,12 @@ def recognize_one(
     depth: Float[np.ndarray, "height width"] | None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
+    picks: int | None = None,
 ) -> Detections:
     """One image under each light -> its detections. See `recognize`."""
     forest = as_forest(trees)
     start = time.perf_counter()
-    answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second)
+    answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second, picks)
     return detections_of(answers, forest, sight, time.perf_counter() - start)
 
 
@@ -137,12 +147,16 @@ def read_scene(
     depth: Float[np.ndarray, "height width"] | None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
+    picks: int | None = None,
 ) -> tuple[list[Interpretation], Sight]:
     """Looks, reads what the tree believes first, looks again with what the recognised parts tell of their material and
-    the light between them, and searches deeper where nothing was. Returns all hypotheses with their verdicts, and what
-    was seen.
+    the light between them, and searches deeper where nothing was; or reads no more than the highest regions, if that is
+    enough for so many `picks`. Returns all hypotheses with their verdicts, and what was seen.
     """
     sight = look(images, sensor, depth, R_w2c, second)
+    topmost = None if picks is None else read_topmost(forest, images, sight, picks)
+    if topmost is not None:
+        return topmost, sight
     answers = read_sight(forest, images, sight, FIRST)
     before = sight
     images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
@@ -183,16 +197,36 @@ def seen_again(answer: Interpretation, sight: Sight) -> Interpretation:
     return replace(answer, hypotheses=hypotheses, judged=judged, selection=selection)
 
 
+def read_topmost(
+    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, picks: int
+) -> list[Interpretation] | None:
+    """The highest regions alone, which are usually not occluded, `AT_ONCE` more at a time, until `picks` poses are
+    sure. None if they never are.
+    """
+    found = sight.found
+    smallest = min(FIRST.least * prepared.usual_area for prepared in forest.trees)
+    order = np.argsort(-found.height, kind="stable")
+    order = order[(sight.bright & (found.area_mm2 >= smallest))[order]]
+    answers: list[Interpretation] = []
+    for first in range(0, len(order), AT_ONCE):
+        new = np.isin(np.arange(found.count), order[first : first + AT_ONCE])
+        answers = settled(compete([*answers, *read_sight(forest, images, sight, FIRST, new)], sight), sight)
+        if count_of_sure(answers, sight) >= picks:
+            return answers
+    return None
+
+
 def read_sight(
-    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, beam: Beam
+    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, beam: Beam,
+    only: Bool[np.ndarray, "regions"] | None = None,
 ) -> list[Interpretation]:
-    """What each tree makes of the regions that the root leaves to it."""
+    """What each tree makes of the regions that the root leaves to it; of some of them, if told."""
     found, sensor = sight.found, sight.sensor
     if not found.count:
         return []
     measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
     said = ask_root(forest, measured, found.count)
-    bright = sight.bright
+    bright = sight.bright if only is None else sight.bright & only
     answers = [
         interpret(prepared, part, asked, said, measured[prepared.pitch], sight, beam)
         for part, prepared in enumerate(forest.trees)
@@ -245,14 +279,23 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
             if number not in there or number in recognised:
                 continue
             if found is readings[0] or answered[labels == number].mean() <= MOSTLY:
-                left = any(a.said.left[r].any() for a in of_reading)
-                reason = best_reason(of_reading, r) or (TOO_DARK if not bright[r] else TOO_SMALL if left else NO_PART)
+                not_read = unread_because(forest, of_reading, r) if bright[r] else TOO_DARK
+                reason = best_reason(of_reading, r) or not_read
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
     return Detections(
         describe(answers, forest.root, sight), seconds, labels=labels, depth=sight.depth,
         not_recognised=tuple(unexplained), interpretations=sum(len(a.asked) for a in answers),
     )
+
+
+def unread_because(forest: PreparedForest, answers: list[Interpretation], region: int) -> str:
+    """Why no tree made anything of a bright region. `answers`: of one reading."""
+    if not any(a.said.left[region].any() for a in answers):
+        return NO_PART
+    found, left = answers[0].found, answers[0].said.left[region]
+    large = (large_enough(found, one, FIRST.least)[region] for one, may in zip(forest.trees, left, strict=True) if may)
+    return NOT_READ if any(large) and not any(region in a.asked for a in answers) else TOO_SMALL
 
 
 def interpret(

@@ -11,6 +11,8 @@ import pytest
 from itree_kernels.errors import ItreeError
 from scipy.spatial.transform import Rotation
 
+from itree_jax import recognition
+from itree_jax.backtracking import SURE
 from itree_jax.detections import Detections
 from itree_jax.evaluation import mssd
 from itree_jax.evaluation.pose_errors import Pose
@@ -142,6 +144,37 @@ def test_a_batch_of_images_is_its_images_one_by_one(batch, answers):
 def test_two_calls_give_the_same_bytes(batch):
     assert same(batch[1], batch[2])
     assert not same(batch[0], batch[1])
+
+
+def test_one_pick_leaves_lower_regions_unread(monkeypatch, paper_tree, prepared, cases, answers):
+    """Read one by one, the highest region gives a pose that is one of those of the whole reading."""
+    monkeypatch.setattr(recognition, "AT_ONCE", 1)
+    scene, symmetry = cases[0].scene, symmetry_set(model_info(paper_tree.part))
+    found = recognize(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, picks=1)
+    assert len(found) == 1
+    assert found[0].score > SURE
+    assert found.interpretations < answers[0].interpretations
+    apart = [
+        float(mssd(Pose(found[0].R_cam_obj, found[0].t_cam_obj), Pose(d.R_cam_obj, d.t_cam_obj),
+                   paper_tree.part.vertices, symmetry))
+        for d in answers[0]
+    ]  # fmt: skip
+    assert min(apart) < 0.01 * paper_tree.part.diameter
+    unread = [entry for entry in found.not_recognised if entry["reason"] == recognition.NOT_READ]
+    assert max(entry["height_mm"] for entry in unread) <= found[0].height
+    assert all(entry["reason"] != recognition.NOT_READ for entry in answers[0].not_recognised)
+
+
+def test_picks_that_are_not_there_have_every_region_read(prepared, cases, answers):
+    scene = cases[0].scene
+    assert same(recognize(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, picks=20), answers[0])
+
+
+@pytest.mark.parametrize("picks", [0, -1, 1.5, True, "2"])
+def test_picks_are_a_number_of_poses(prepared, cases, picks):
+    scene = cases[0].scene
+    with pytest.raises(ItreeError, match="how many sure poses are enough"):
+        recognize(prepared, scene.images, scene.sensor, scene.depth, picks=picks)
 
 
 def test_several_trees_share_an_image(prepared, cases, answers):

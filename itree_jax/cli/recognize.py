@@ -15,6 +15,7 @@ from itree_jax.cli.outputs import check_file, check_folder, staged_folder
 from itree_jax.cli.runtime import start_jax
 from itree_jax.cli.scene_answer import answer, trees_for_more_lights
 from itree_jax.cli.terminal import Tell, output, progress, say
+from itree_jax.input_check import check_picks
 
 if TYPE_CHECKING:
     from itree_jax.cli.scene_answer import Forests
@@ -49,6 +50,9 @@ class Recognize:
     depth: Literal["auto", "file", "stereo", "none"] = "auto"
     """Where depth comes from: the folder's depth map; the second camera (two needle maps); nowhere, so that a part's
     size alone tells how far it is; auto takes the first of these that there is."""
+    picks: Annotated[int | None, tyro.conf.arg(metavar="N")] = None
+    """Read the highest regions first, and no more once N poses are sure: enough for a robot that takes one part at a
+    time. Otherwise every region is read."""
     self_calibrate: bool = False
     """Correct the lights by the parts found and recognise again with them; writes results.lights.json beside the
     csv."""
@@ -111,7 +115,7 @@ class Recognize:
 
         lights: dict[str, SelfCalibration] | None = {} if self.self_calibrate else None
         try:
-            scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights)
+            scene, fitting, found = answer(folder, prepared, forests, self.quiet, self.depth, lights, self.picks)
         except ItreeError as error:
             if not self.resume:
                 raise
@@ -155,7 +159,9 @@ class Recognize:
             "trees": [digest_of(path) for path in self.trees],
             "gripper": digest_of(gripper) if isinstance(gripper, Path) else gripper,
             "hand-eye": None if self.hand_eye is None else digest_of(self.hand_eye),
-            "options": [self.depth, self.self_calibrate, self.report is not None, self.world is not None],
+            "options": [
+                self.depth, self.picks, self.self_calibrate, self.report is not None, self.world is not None
+            ],
         }
 
     @property
@@ -165,6 +171,7 @@ class Recognize:
     def _check(self) -> None:
         if not self.trees:
             raise ItreeError("no TREE is given; make one with `itree compile MODEL --sensor SENSOR -o TREE`")
+        check_picks(self.picks)
         check_file(self.output)
         check_file(self.json)
         check_file(self.lights_file if self.self_calibrate else None)

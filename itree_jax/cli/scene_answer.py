@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def answer(
     folder: Path, prepared: "list[Prepared]", forests: "Forests", quiet: bool, depth: str = "auto",
-    lights: "dict[str, SelfCalibration] | None" = None,
+    lights: "dict[str, SelfCalibration] | None" = None, picks: int | None = None,
 ) -> "tuple[Scene, list[Prepared], Detections]":
     """A scene, the trees that fit its lights, and what they found in it; errors name the scene.
 
@@ -33,9 +33,9 @@ def answer(
         prepared += trees_for_more_lights(folder, prepared, quiet)
         scene, fitting = load_with_trees(folder, prepared)
         scene, second = with_depth_from(depth, scene, fitting[0].tree.sensor)
-        found = recognize_scene(scene, forest_of(fitting, forests), second)
+        found = recognize_scene(scene, forest_of(fitting, forests), second, picks)
         if lights is not None:
-            scene, found = recalibrated(scene, fitting, found, forests, lights, second)
+            scene, found = recalibrated(scene, fitting, found, forests, lights, second, picks)
         return scene, fitting, found
     except ItreeError as error:
         raise ItreeError(f"scene {folder}: {error} Nothing was written.") from error
@@ -57,7 +57,7 @@ def with_depth_from(source: str, scene: "Scene", sensor: "Sensor") -> "tuple[Sce
 
 def recalibrated(
     scene: "Scene", fitting: "list[Prepared]", found: "Detections", forests: "Forests",
-    lights: "dict[str, SelfCalibration]", second: "SecondCamera | None" = None,
+    lights: "dict[str, SelfCalibration]", second: "SecondCamera | None" = None, picks: int | None = None,
 ) -> "tuple[Scene, Detections]":
     """The scene with corrected lights and what is found under them, if the correction is kept; else as they are.
     A depth camera has no lights to correct.
@@ -75,7 +75,7 @@ def recalibrated(
         scene = replace(scene, sensor=correction.sensor)
         if second is not None:
             second = second.with_lights_of(scene.sensor)
-        again = recognize_scene(scene, forest_of(fitting, forests), second)
+        again = recognize_scene(scene, forest_of(fitting, forests), second, picks)
         found = replace(again, time=found.time + again.time)
     return scene, replace(found, lights=corrections_to_json(correction))
 
@@ -157,11 +157,14 @@ def forest_of(fitting: "list[Prepared]", forests: "Forests") -> "PreparedForest 
 
 
 def recognize_scene(
-    scene: "Scene", prepared: "PreparedForest | Sequence[Prepared]", second: "SecondCamera | None" = None
+    scene: "Scene", prepared: "PreparedForest | Sequence[Prepared]", second: "SecondCamera | None" = None,
+    picks: int | None = None,
 ) -> "Detections":
-    """The answers for a scene, under the scene's numbers. Depth is the scene's, or comes from a second camera."""
+    """The answers for a scene, under the scene's numbers. Depth is the scene's, or comes from a second camera. `picks`:
+    as in `recognize`.
+    """
     from itree_jax.recognition import recognize_one
 
-    answer = recognize_one(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, second)
+    answer = recognize_one(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, second, picks)
     own = {"scene_id": scene.scene_id, "im_id": scene.im_id}
     return replace(answer, **own, detections=tuple(replace(d, **own) for d in answer))

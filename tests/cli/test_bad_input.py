@@ -292,6 +292,7 @@ def test_a_sensor_that_cannot_be_is_refused(itree, tmp_path, case):
     (["simulate", "bundled:bracket", "--sensor", "bundled:bench", "--scenes", "1", "--parts", "1", "-o", "OUT",
       "--seed", "-1"], "--seed must be 0 or more"),
     (["clear-bin", "OUT", "-o", "OUT", "--seed", "-1"], "--seed must be 0 or more"),
+    (["recognize", "OUT", "OUT", "-o", "OUT", "--picks", "0"], "how many sure poses are enough"),
     (["show", "/proc/none.tree"], "there is no tree file"),
     (["view", "OUT", "OUT"], "there is no such folder of scenes"),
     (["compile", "bundled:bracket", "--sensor", "bundled:bench", "-o", "/proc/a.tree"], "/proc cannot be written to"),
