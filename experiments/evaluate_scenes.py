@@ -3,7 +3,8 @@
     python experiments/evaluate_scenes.py [--dataset DATASET] [--out DIR] [--depth file|stereo|none] [--trees DIR]
         [--picks N]
 
-With `--picks` no more than the highest regions are read: recall then says how many parts that gave. The data set defaults to `scenes` in the folder that ITREE_DATA names. Uses the command line, as a user would.
+The data set defaults to `scenes` in the folder that ITREE_DATA names. With `--picks` no more than the highest regions
+are read: recall then says how many parts that gave. Uses the command line, as a user would.
 """
 
 import argparse
