@@ -48,6 +48,8 @@ def collisions(bodies: Sequence[tuple[Prepared, RegionHypotheses, Judged]]) -> C
         one, other = solids[a[0]], solids[b[0]]
         if dist(centres[a[0]][a[1]], centres[b[0]][b[1]]) > one.mesh.radius + other.mesh.radius:
             return False
+        if not found[a[0]][a[1]].keeps(found[b[0]][b[1]]):
+            a, b, one, other = b, a, other, one
         known, beside = found[a[0]][a[1]].shares_space, found[b[0]][b[1]]
         if beside not in known:
             (R_a, t_a), (R_b, t_b) = poses[a[0]], poses[b[0]]

@@ -50,9 +50,10 @@ class Judged:
     def ratio(self, a: int, b: int) -> float:
         """`likelihood_ratio` of two hypotheses [nats]."""
         one, other = self.totals.found[a], self.totals.found[b]
+        if not one.keeps(other):
+            return -self.ratio(b, a)
         if other not in one.ratios:
             one.ratios[other] = likelihood_ratio(self.support, a, b, self.totals)
-            other.ratios[one] = -one.ratios[other]
         return one.ratios[other]
 
     def explains(self, h: int, image_shape: tuple[int, int]) -> Places:

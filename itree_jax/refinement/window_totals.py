@@ -19,6 +19,10 @@ class Found:
     shares_space: dict["Found", bool] = field(default_factory=dict)  # with another one
     explains: Places | None = None  # rows and columns of image pixels, and how well [nats]
 
+    def keeps(self, other: "Found") -> bool:
+        """Which of two keeps what was found of both: none keep each other, so that they go with their scene."""
+        return id(self) <= id(other)
+
 
 class Totals(NamedTuple):
     """Of each window of a `Support`. They stay what they are in whatever company a pose is judged."""

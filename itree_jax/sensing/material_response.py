@@ -33,6 +33,7 @@ SAME_MATERIAL = 2.5  # times the dominant albedo or less: a lobe doubles what is
 TUKEY = 4.685  # scales beyond which a residual has no weight: 95 % efficient if errors were Gaussian
 WIDE = np.radians(20.0)  # the first scale: Lambert's law is off by 5 to 20 degrees on metal
 RIDGE = 1e-4  # of the mean squared feature: keeps coefficients finite where normals cover little of the sphere
+AT_ONCE = 8192  # pixels that the map is applied to together: their terms stay in the cache
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,14 @@ def apply_response(needle: NeedleMap, response: MaterialResponse) -> NeedleMap:
     bias, interpretable = np.array(needle.normal_bias, np.float32), np.array(needle.interpretable)
     code, b = light_sets(needle), _b(needle) / response.unit
     for one, fitted in response.sets.items():
-        here = interpretable & (code == one)
-        normals[here] = _map(fitted.normal, b[here])
-        expected = np.maximum(length_terms(normals[here]) @ fitted.length, 0.05)
-        deviation = (np.linalg.norm(b[here], axis=-1) / expected - 1.0) / fitted.length_std
-        confidence[here] = np.exp(-0.5 * deviation**2)
-        bias[here] = fitted.residual
+        here = np.flatnonzero(interpretable & (code == one))
+        for block in np.array_split(here, -(-len(here) // AT_ONCE)) if len(here) else ():
+            v, u = np.divmod(block, code.shape[1])
+            normals[v, u] = _map(fitted.normal, b[v, u])
+            expected = np.maximum(length_terms(normals[v, u]) @ fitted.length, 0.05)
+            deviation = (np.linalg.norm(b[v, u], axis=-1) / expected - 1.0) / fitted.length_std
+            confidence[v, u] = np.exp(-0.5 * deviation**2)
+            bias[v, u] = fitted.residual
     interpretable &= normals[..., 2] < 0.0
     return needle._replace(
         normals=normals, confidence=np.where(interpretable, confidence, 0.0), normal_bias=bias,
