@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -22,18 +23,17 @@ import numpy as np
 from evaluate_scenes import Config as Evaluation
 from evaluate_scenes import run, scenes_of_parts
 from quality.comparison import compare_configurations
+from true_scenes import prepared_scenes
 
 from itree_jax import competition, narrowing, recognition, settling
 from itree_jax.answers import Interpretation
 from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
-from itree_jax.prepared import prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.select import Judged, Selection, measures_alone
 from itree_jax.results import write_bop_csv
 from itree_jax.sensing import reading
 from itree_jax.sensing.material_response import MaterialResponse
-from itree_jax.tree.tree_file import load_tree
 
 
 @dataclass(frozen=True)
@@ -156,18 +156,14 @@ def some_scenes(config: Config) -> Path:
 
 
 def answers_of(config: Config, policy: str) -> Iterator[Any]:
-    for obj_id, folders in scenes_of_parts(config.dataset):
-        trees = {}
-        for folder in folders:
-            lights = len(list((folder / "lit").glob("000000_*")))
-            if lights not in trees:
-                trees[lights] = prepare(load_tree(tree_file(config, obj_id, lights, folder, policy)))
-            scene, fitting = load_with_trees(folder, [trees[lights]])
-            scene, second = with_depth_from(config.depth, scene, fitting[0].tree.sensor)
-            yield replace(recognize_scene(scene, fitting, second), labels=None)
+    trees = partial(tree_file, config, policy)
+    for _, folder, prepared in prepared_scenes(config.dataset, trees):
+        scene, fitting = load_with_trees(folder, [prepared])
+        scene, second = with_depth_from(config.depth, scene, fitting[0].tree.sensor)
+        yield replace(recognize_scene(scene, fitting, second), labels=None)
 
 
-def tree_file(config: Config, obj_id: int, lights: int, folder: Path, policy: str) -> Path:
+def tree_file(config: Config, policy: str, obj_id: int, lights: int, folder: Path) -> Path:
     """That of an earlier run, or compiled here."""
     name = f"obj_{obj_id:06d}_{lights}.tree"
     if policy == "measured" and config.trees is not None and (config.trees / name).is_file():

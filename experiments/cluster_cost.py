@@ -21,8 +21,8 @@ from itree_cad.bundled import bundled_part
 from itree_jax.cli.compile_catalogue import Options, compile_part, compile_units
 from itree_jax.cli.recognize_dataset import recognize_folder, scene_units, write_csv
 from itree_jax.cluster import Ran, ThisMachine, Unit, Workers, run_units
+from itree_jax.cluster.finished_units import RECORDS
 from itree_jax.cluster.ray_workers import ray_workers
-from itree_jax.cluster.store import RECORDS
 from itree_jax.cluster.unit import Work
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.simulate import simulate

@@ -54,10 +54,15 @@ def scenes_of_parts(dataset: Path) -> Iterable[tuple[int, list[Path]]]:
     return sorted(of.items())
 
 
+def light_count(folder: Path) -> int:
+    """Of a scene folder's reference camera, by its images."""
+    return len(list((folder / "lit").glob("000000_*")))
+
+
 def recognise_part(config: Config, obj_id: int, folders: list[Path]) -> Path:
     """A tree for each number of lights, compiled for the first such scene, and the csv of all the part's scenes."""
     csv = config.out / f"obj_{obj_id:06d}.csv"
-    first = {len(list((folder / "lit").glob("000000_*"))): folder for folder in reversed(folders)}
+    first = {light_count(folder): folder for folder in reversed(folders)}
     trees = [tree_of(config, obj_id, lights, folder) for lights, folder in sorted(first.items())]
     scenes = config.out / f"scenes_{obj_id:06d}"
     scenes.mkdir(exist_ok=True)

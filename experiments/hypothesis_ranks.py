@@ -6,21 +6,19 @@ Of every region of the validation bins: how many of the tree's attitudes hold 75
 much mass lies before the first one within reach of a true pose (MSSD under 25 % of the diameter).
 """
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from evaluate_scenes import Config as Evaluation
-from evaluate_scenes import scenes_of_parts, tree_of
 from quality.comparison import markdown_table
+from true_scenes import TrueScene, bins_parser, true_scenes
 
 from itree_jax.backtracking import FIRST
 from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.evaluation.pose_errors import Pose, mssd
-from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
-from itree_jax.prepared import Prepared, prepare
+from itree_jax.evaluation.truth import Model, SceneTruth
+from itree_jax.prepared import Prepared
 from itree_jax.recognition import BY_EGI, BY_SHAPE, as_hypotheses, placed_by_segment
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.region_measures import features_of, measure_regions
@@ -28,7 +26,6 @@ from itree_jax.sight import look
 from itree_jax.tree.classify import classify
 from itree_jax.tree.determine import determine
 from itree_jax.tree.draws import BESIDE_REACH
-from itree_jax.tree.tree_file import load_tree
 
 REACHED = 0.25  # of the diameter
 LEVELS = (0.25, 0.5, 0.75, 0.9, 0.99)
@@ -44,7 +41,8 @@ class Ranks(NamedTuple):
 
 
 def main(bins: Path, trees: Path | None, every: int) -> None:
-    found = list(ranks_of_bins(bins, trees, every))
+    taken = true_scenes(bins, Path("out/hypothesis_ranks"), trees, every)
+    found = [ranks for one in taken for ranks in ranks_of_scene(one)]
     seen = [r for r in found if r.visible >= 0.7]
     reached = [r for r in seen if r.before < 1.0]
     rows = [
@@ -57,23 +55,10 @@ def main(bins: Path, trees: Path | None, every: int) -> None:
           f"{np.median([r.most for r in seen]):.0f} hold 99 %; the first reading stops at {FIRST.mass:.0%}")
 
 
-def ranks_of_bins(bins: Path, trees: Path | None, every: int) -> Iterator[Ranks]:
-    models = load_models(bins)
-    truths = {t.scene_id: t for t in load_truth(bins)}
-    evaluation = Evaluation(dataset=bins, out=Path("out/hypothesis_ranks"), trees=trees)
-    evaluation.out.mkdir(parents=True, exist_ok=True)
-    for obj_id, folders in scenes_of_parts(bins):
-        prepared: dict[int, Prepared] = {}
-        for folder in folders[::every]:
-            lights = len(list((folder / "lit").glob("000000_*")))
-            if lights not in prepared:
-                prepared[lights] = prepare(load_tree(tree_of(evaluation, obj_id, lights, folder)))
-            yield from ranks_of_scene(folder, prepared[lights], truths[int(folder.name)], models[obj_id])
-
-
-def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: Model) -> Iterator[Ranks]:
+def ranks_of_scene(one: TrueScene) -> Iterator[Ranks]:
     """One for each region of the scene, by its depth map."""
-    scene, _ = load_with_trees(folder, [prepared])
+    prepared = one.prepared
+    scene, _ = load_with_trees(one.folder, [prepared])
     sight = look(scene.images, scene.sensor, scene.depth, scene.R_w2c)
     if not sight.found.count:
         return
@@ -84,7 +69,7 @@ def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: M
     candidates = determine(features, log_p, prepared.determination, BY_SHAPE, BY_EGI)
     first = as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam)
     by_segment = placed_by_segment(first, prepared, sight)
-    error = np.minimum(*(errors(h, prepared, truth, model) for h in (first, by_segment)))
+    error = np.minimum(*(errors(h, prepared, one.truth, one.model) for h in (first, by_segment)))
     for region in asked:
         mine = np.flatnonzero(first.region == region)
         order = mine[np.argsort(-first.log_likelihood[mine], kind="stable")]
@@ -94,7 +79,7 @@ def ranks_of_scene(folder: Path, prepared: Prepared, truth: SceneTruth, model: M
         near = np.flatnonzero(error[order, instance] < REACHED)
         before = float(mass[near[0]] - p[near[0]] / p.sum()) if len(near) else 1.0
         few, most = (int((mass < level).sum()) + 1 for level in (0.75, 0.99))
-        yield Ranks(float(truth.visible[instance]), before, few, most)
+        yield Ranks(float(one.truth.visible[instance]), before, few, most)
 
 
 def errors(hypotheses: RegionHypotheses, prepared: Prepared, truth: SceneTruth, model: Model) -> np.ndarray:
@@ -109,9 +94,5 @@ def errors(hypotheses: RegionHypotheses, prepared: Prepared, truth: SceneTruth, 
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bins", type=Path, default=Path("out/validation_bins"))
-    parser.add_argument("--trees", type=Path, default=None)
-    parser.add_argument("--every", type=int, default=4, help="takes every n-th scene of each part")
-    given = parser.parse_args()
+    given = bins_parser(__doc__, every=4).parse_args()
     main(given.bins, given.trees, given.every)

@@ -7,7 +7,6 @@ A region is a trace if most of it lies on the part; a hypothesis, if refinement 
 25 % of the diameter); a refined one, if it is right (under 5 %).
 """
 
-import argparse
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,24 +14,22 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from evaluate_scenes import Config as Evaluation
-from evaluate_scenes import scenes_of_parts, tree_of
 from hypothesis_ranks import REACHED
 from jaxtyping import Float, Int
 from quality.comparison import markdown_table
 from quality.near_poses import errors_below
+from true_scenes import TrueScene, bins_parser, true_scenes
 
 from itree_jax import recognition
 from itree_jax.answers import Interpretation, pose_matrix
 from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.score import STRICT, VISIBLE
-from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
-from itree_jax.prepared import Prepared, prepare, prepare_forest
+from itree_jax.evaluation.truth import Model, SceneTruth
+from itree_jax.prepared import Prepared, prepare_forest
 from itree_jax.recognition import read_scene
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.sight import Sight
-from itree_jax.tree.tree_file import load_tree
 from itree_jax.world.explained import rendered
 
 FOUND, UNSELECTED, UNREFINED, NO_HYPOTHESIS, NO_REGION = (
@@ -68,22 +65,14 @@ def fates_table(fates: list[Fate]) -> str:
 
 
 def fates_of_bins(bins: Path, depth: str, trees: Path | None, every: int) -> Iterator[Fate]:
-    models = load_models(bins)
-    truths = {t.scene_id: t for t in load_truth(bins)}
-    evaluation = Evaluation(dataset=bins, out=Path("out/lost_parts"), trees=trees)
-    evaluation.out.mkdir(parents=True, exist_ok=True)
-    for obj_id, folders in scenes_of_parts(bins):
-        prepared: dict[int, Prepared] = {}
-        for folder in folders[::every]:
-            lights = len(list((folder / "lit").glob("000000_*")))
-            if lights not in prepared:
-                prepared[lights] = prepare(load_tree(tree_of(evaluation, obj_id, lights, folder)))
-            yield from fates_of_scene(folder, prepared[lights], depth, truths[int(folder.name)], models[obj_id])
+    for one in true_scenes(bins, Path("out/lost_parts"), trees, every):
+        yield from fates_of_scene(one, depth)
 
 
-def fates_of_scene(folder: Path, prepared: Prepared, depth: str, truth: SceneTruth, model: Model) -> list[Fate]:
+def fates_of_scene(one: TrueScene, depth: str) -> list[Fate]:
     """Recognises one scene and follows every part that is visible enough."""
-    scene, _ = load_with_trees(folder, [prepared])
+    prepared = one.prepared
+    scene, _ = load_with_trees(one.folder, [prepared])
     scene, second = with_depth_from(depth, scene, prepared.tree.sensor)
     starts: list[RegionHypotheses] = []
     narrow = recognition.narrow
@@ -96,7 +85,7 @@ def fates_of_scene(folder: Path, prepared: Prepared, depth: str, truth: SceneTru
         answers, sight = read_scene(
             prepare_forest([prepared]), scene.images, scene.sensor, scene.depth, scene.R_w2c, second
         )
-    return fates(answers, sight, starts, prepared, truth, model)
+    return fates(answers, sight, starts, prepared, one.truth, one.model)
 
 
 def fates(
@@ -158,10 +147,7 @@ def most_of(labels: Int[np.ndarray, "height width"], instance: Int[np.ndarray, "
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bins", type=Path, default=Path("out/validation_bins"))
+    parser = bins_parser(__doc__, every=1)
     parser.add_argument("--depth", choices=("file", "stereo", "none"), default="stereo")
-    parser.add_argument("--trees", type=Path, default=None)
-    parser.add_argument("--every", type=int, default=1, help="takes every n-th scene of each part")
     given = parser.parse_args()
     main(given.bins, given.depth, given.trees, given.every)

@@ -9,25 +9,22 @@ For every weight of a pixel (`likelihood.BESIDE_CONTOURS`) the table counts the 
 one. The poses are those that the weight in force has left over, so that others look a little better than they are.
 """
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from evaluate_scenes import Config as Evaluation
-from evaluate_scenes import scenes_of_parts, tree_of
 from jaxtyping import Float
 from quality.comparison import markdown_table
 from quality.near_poses import errors_below
+from true_scenes import TrueScene, bins_parser, true_scenes
 
 from itree_jax.challenge import plan_of
 from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.score import STRICT
-from itree_jax.evaluation.truth import Model, SceneTruth, load_models, load_truth
-from itree_jax.prepared import Prepared, prepare, prepare_forest
+from itree_jax.prepared import Prepared, prepare_forest
 from itree_jax.recognition import read_scene
 from itree_jax.refinement import likelihood
 from itree_jax.refinement.likelihood import support
@@ -36,7 +33,6 @@ from itree_jax.refinement.pose_distance import NEARLY_SAME, first_apart
 from itree_jax.refinement.schedule import Schedule
 from itree_jax.refinement.window_totals import totals
 from itree_jax.sight import Sight
-from itree_jax.tree.tree_file import load_tree
 
 WEIGHTS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0001)
 VISIBLE = 0.5
@@ -52,7 +48,8 @@ class Pairs(NamedTuple):
 
 
 def main(bins: Path, depth: str, trees: Path | None, every: int) -> None:
-    pairs = list(pairs_of_bins(bins, depth, trees, every))
+    taken = true_scenes(bins, Path("out/pixel_weight"), trees, every)
+    pairs = [pair for one in taken for pair in pairs_of_scene(one, depth)]
     print(weights_table(pairs))
 
 
@@ -68,25 +65,10 @@ def weights_table(pairs: list[Pairs]) -> str:
     return markdown_table(["weight of a pixel", "right pose reached", "right pose not reached"], rows)
 
 
-def pairs_of_bins(bins: Path, depth: str, trees: Path | None, every: int) -> Iterator[Pairs]:
-    models = load_models(bins)
-    truths = {t.scene_id: t for t in load_truth(bins)}
-    evaluation = Evaluation(dataset=bins, out=Path("out/pixel_weight"), trees=trees)
-    evaluation.out.mkdir(parents=True, exist_ok=True)
-    for obj_id, folders in scenes_of_parts(bins):
-        prepared: dict[int, Prepared] = {}
-        for folder in folders[::every]:
-            lights = len(list((folder / "lit").glob("000000_*")))
-            if lights not in prepared:
-                prepared[lights] = prepare(load_tree(tree_of(evaluation, obj_id, lights, folder)))
-            yield from pairs_of_scene(folder, prepared[lights], depth, truths[int(folder.name)], models[obj_id])
-
-
-def pairs_of_scene(
-    folder: Path, prepared: Prepared, depth: str, truth: SceneTruth, model: Model
-) -> Iterator[Pairs]:
+def pairs_of_scene(one: TrueScene, depth: str) -> Iterator[Pairs]:
     """Recognises one scene and pairs the poses of every part that is visible enough."""
-    scene, _ = load_with_trees(folder, [prepared])
+    prepared, truth, model = one.prepared, one.truth, one.model
+    scene, _ = load_with_trees(one.folder, [prepared])
     scene, second = with_depth_from(depth, scene, prepared.tree.sensor)
     answers, sight = read_scene(
         prepare_forest([prepared]), scene.images, scene.sensor, scene.depth, scene.R_w2c, second
@@ -149,10 +131,7 @@ def ratios(
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bins", type=Path, default=Path("out/validation_bins"))
+    parser = bins_parser(__doc__, every=1)
     parser.add_argument("--depth", choices=("stereo", "none"), default="stereo")
-    parser.add_argument("--trees", type=Path, default=None)
-    parser.add_argument("--every", type=int, default=1, help="takes every n-th scene of each part")
     given = parser.parse_args()
     main(given.bins, given.depth, given.trees, given.every)

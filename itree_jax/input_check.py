@@ -4,6 +4,7 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+BRIGHTEST = 2.0  # of full scale: what a lens correction may make of 1.0; counts of a converter are far beyond
 ROTATION_TOLERANCE = 1e-3  # of R R^T against I: printed with four digits
 
 
@@ -12,11 +13,15 @@ def check_numbers(
     depth: Float[np.ndarray, "*batch height width"] | None = None,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
 ) -> None:
-    """Raises ItreeError where images or depth are not finite, depth is negative, or `R_w2c` is no rotation."""
+    """Raises ItreeError where images or depth are not finite, images are far above full scale (1.0), depth is negative,
+    or `R_w2c` is no rotation.
+    """
     for name, values in (("images", images), ("the depth map", depth)):
         if values is not None and not np.isfinite(values).all():
             count = int((~np.isfinite(values)).sum())
             raise ItreeError(f"{name}: {count} values are not finite; put 0 where nothing was measured")
+    if np.max(images, initial=0.0) > BRIGHTEST:
+        raise ItreeError(f"images go up to {np.max(images):.4g}, but 1.0 is full scale; divide them by the camera's")
     if depth is not None and np.min(depth, initial=0.0) < 0.0:
         raise ItreeError(f"the depth map has a negative depth, {np.min(depth):.4g}; it is z in mm, 0 = none")
     if R_w2c is not None:

@@ -48,6 +48,7 @@ from itree_jax.settling import settled
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.batches import on_all_cores
+from itree_jax.tree.check_sensor import check_sensor
 from itree_jax.tree.classify import classify
 from itree_jax.tree.determination_rules import Candidates
 from itree_jax.tree.determine import determine
@@ -90,14 +91,16 @@ def recognize(
     as it does alone, to the bit.
 
     Raises:
-        ItreeError: shapes don't fit the sensor, `picks` is no number of poses, or the trees make no forest (see
-            `compile_forest`).
+        ItreeError: shapes or numbers don't fit the sensor, `picks` is no number of poses, a tree was compiled for another
+            sensor (see `check_sensor`), or the trees make no forest (see `compile_forest`).
     """
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
     _check_shapes(images, depth, sensor)
     check_numbers(images, depth, R_w2c)
     check_picks(picks)
+    for prepared in forest.trees:
+        check_sensor(prepared.tree, sensor)
     if images.ndim == 4 and not len(images):
         return []
     if images.ndim == 4:

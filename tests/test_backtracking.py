@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
 from scipy.spatial.transform import Rotation
 
 from itree_jax.backtracking import (
@@ -28,6 +27,8 @@ from itree_jax.shown_surface import SAME_WAY
 from itree_jax.sight import look
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
+
+from .primitives import box_part
 
 FIRST_ALONE = Places(np.zeros(1, int), np.ones(1, bool))
 

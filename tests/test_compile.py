@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.errors import ItreeError
 
 import itree_jax.compile as compiling
@@ -18,6 +17,8 @@ from itree_jax.tree.dome import dome
 from itree_jax.tree.error_rates import expected
 from itree_jax.tree.joining import many_way_sides
 from itree_jax.tree.tree import PRUNED, InterpretationTree
+
+from .primitives import box_part, sphere_part
 
 SENSOR = bundled_sensor("ikeuchi-1987")
 

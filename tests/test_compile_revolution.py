@@ -2,11 +2,12 @@
 
 import numpy as np
 from itree_cad.assemble import assemble_part
-from itree_cad.primitives import cylinder_part
 
 import itree_jax.compile as compiling
 from itree_jax.compile import compile_tree
 from itree_jax.sensing.bundled import bundled_sensor
+
+from .primitives import cylinder_part
 
 
 def test_halves_of_a_cylinder_are_one_face_of_the_tree(monkeypatch):

@@ -18,7 +18,7 @@ from itree_jax.evaluation import mssd
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.symmetry import symmetry_set
 from itree_jax.prepared import prepare
-from itree_jax.recognition import recognize
+from itree_jax.recognition import recognize, recognize_one
 from itree_jax.results import write_json
 from itree_jax.sensing.scene_folder import Scene, load_scene
 from itree_jax.sensing.scene_writer import write_scene
@@ -244,8 +244,33 @@ def test_two_lights_are_too_few(prepared, cases, sensor):
     """Also when the sensor has no more."""
     two = replace(sensor, light_directions=sensor.light_directions[:2], light_intensities=sensor.light_intensities[:2])
     scene = cases[0].scene
-    with pytest.raises(ItreeError, match="three or more lights"):
+    with pytest.raises(ItreeError, match="it has 3 lights, this one 2"):
         recognize(prepared, scene.images[:2], two, scene.depth)
+    with pytest.raises(ItreeError, match="three or more lights"):
+        recognize_one([prepared], scene.images[:2], two, scene.depth)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: replace(s, light_directions=s.light_directions * [1.0, -1.0, 1.0]), "its light . is .* degrees"),
+        (lambda s: replace(s, camera=replace(s.camera, kind="orthographic")), "its camera is pinhole, this one ort"),
+        (lambda s: replace(s, slant_limit=np.radians(55.0)), "its slant limit is .* degrees, this one's 55.0"),
+    ],
+    ids=["lights", "camera", "slant limit"],
+)
+def test_a_sensor_that_the_tree_is_not_for_is_refused(prepared, cases, sensor, change, message):
+    """As `itree recognize` does; else poses would be wrong without a word."""
+    scene = cases[0].scene
+    with pytest.raises(ItreeError, match=f"was compiled for another sensor: {message}"):
+        recognize(prepared, scene.images, change(sensor), scene.depth)
+
+
+def test_counts_of_a_camera_are_no_intensities(prepared, cases, sensor):
+    scene = cases[0].scene
+    counts = np.round(65535.0 * scene.images).astype(np.uint16)
+    with pytest.raises(ItreeError, match=r"images go up to [\d.e+]+, but 1\.0 is full scale"):
+        recognize(prepared, counts, sensor, scene.depth)
 
 
 PROGRAM = """

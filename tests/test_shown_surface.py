@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.mesh import ray_mesh
 
 from itree_jax.open_attitudes import all_attitudes, rolls, views
@@ -10,6 +9,8 @@ from itree_jax.refinement.optimise import RefineModel, padded_normals
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.shown_surface import SAME_WAY, facing, middle_of_all, shown_surface, turns_onto
 from itree_jax.tree.appearances import mesh_reach
+
+from .primitives import box_part, sphere_part
 
 SENSOR = bundled_sensor("bench")
 FAR = SENSOR.working_distance

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from itree_cad.load import save_stl
-from itree_cad.primitives import box_part
 from itree_kernels.errors import ItreeError
 
 from itree_jax.detections import Detection, Detections
@@ -30,6 +29,7 @@ from itree_jax.world.bin_walls import BinWalls, write_bin
 
 from .grasp.worlds import placed, pose, world
 from .kernels.test_whole_files import full_disk
+from .primitives import box_part
 
 ROOT = Path(__file__).parents[1]
 SOURCES = [path for package in ("itree_jax", "kernels", "cad") for path in (ROOT / package).rglob("*.py")]

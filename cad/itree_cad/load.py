@@ -56,7 +56,7 @@ def load_part(source: str | Path, units: str | None = None, solid: str | int | N
         _check_numbers(each, path)
     different = distinct_solids(solids)
     if not different:
-        raise ItreeError(f"{path} has no triangles in it")
+        raise ItreeError(f"{path} has no triangles in it, or it is cut short: export it again")
     chosen = pick_solid(different, solid, str(path))
     return _part(chosen, path.stem if len(different) == 1 else chosen.name, unit, path)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from itree_kernels.errors import ItreeError
 from itree_kernels.whole_files import write_whole
 
-from itree_jax.cluster.store import Done, Store
+from itree_jax.cluster.finished_units import FinishedUnit, FinishedUnits
 from itree_jax.cluster.unit import Failed, Unit, Work
 from itree_jax.cluster.workers import Workers
 
@@ -21,7 +21,7 @@ Tell = Callable[[str, float], None]
 class Ran:
     """What a run left behind."""
 
-    done: tuple[Done, ...]  # in the order of the units
+    done: tuple[FinishedUnit, ...]  # in the order of the units
     resumed: int  # of them finished by an earlier run
     failures: dict[str, str]  # reason by name, in the order of the units
 
@@ -40,15 +40,15 @@ def run_units(units: Sequence[Unit], work: Work, folder: Path, workers: Workers,
     Raises ItreeError when the folder can't be written to, or the cluster is lost.
     """
     check_names(units)
-    store = Store(folder)
-    done = {unit.name: found for unit in units if (found := store.finished(unit)) is not None}
+    kept = FinishedUnits(folder)
+    done = {unit.name: found for unit in units if (found := kept.finished(unit)) is not None}
     left = [unit for unit in units if unit.name not in done]
     resumed, failures = len(done), {}
     for unit, outcome in workers.outcomes(work, left):
         if isinstance(outcome.result, Failed):
             failures[unit.name] = outcome.result.reason
         else:
-            done[unit.name] = store.keep(unit, outcome.result, outcome)
+            done[unit.name] = kept.keep(unit, outcome.result, outcome)
         tell(f"{len(done)} of {len(units)} done, last {unit.name}", (len(done) + len(failures)) / len(units))
     in_order = {unit.name: failures[unit.name] for unit in units if unit.name in failures}
     if in_order:

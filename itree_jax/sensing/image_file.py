@@ -10,9 +10,10 @@ from itree_kernels.errors import ItreeError, ItreeWarning
 from itree_kernels.npy_file import parse_npy
 from jaxtyping import Float, Num, UInt
 
+from itree_jax.input_check import BRIGHTEST
+
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff", ".npy")
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-BRIGHTEST_FLOAT = 2.0  # of full scale: what a lens correction may make of 1.0; counts of a converter are far beyond
 
 
 def decoded(path: Path) -> Num[np.ndarray, "..."]:
@@ -90,7 +91,7 @@ def linear(
     if image.dtype.kind == "f":
         intensity = image.astype(np.float64)
         highest = np.abs(intensity, where=np.isfinite(intensity), out=np.zeros(image.shape)).max(initial=0.0)
-        if highest > BRIGHTEST_FLOAT:
+        if highest > BRIGHTEST:
             raise ItreeError(
                 f"{path}: values go up to {highest:.4g}, but 1.0 is full scale of an image in floats; divide it by the "
                 "camera's full scale"

@@ -6,9 +6,10 @@ import trimesh
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part, part_from_solid
 from itree_cad.csg import box, cylinder
 from itree_cad.load import load_part
-from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 from itree_cad.surfaces import fit_plane
 from itree_kernels.errors import ItreeError
+
+from ..primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 
 
 @pytest.mark.parametrize("name", BUNDLED_PARTS)

@@ -9,8 +9,9 @@ from itree_cad.bundled import bundled_part, part_from_solid
 from itree_cad.csg import Surface, extrude, polygon
 from itree_cad.face_permutations import face_permutations
 from itree_cad.part import Part
-from itree_cad.primitives import box_part, cylinder_part
 from itree_cad.symmetry import symmetries
+
+from ..primitives import box_part, cylinder_part
 
 
 def hexagon() -> Part:

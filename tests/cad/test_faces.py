@@ -11,8 +11,9 @@ from itree_cad.brep import brep_component_faces
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part
 from itree_cad.faces import recover_faces
 from itree_cad.load import load_part, save_stl
-from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 from itree_cad.symmetry import rotation
+
+from ..primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 
 
 def assert_same_faces(found, made):

@@ -7,9 +7,10 @@ import pytest
 from itree_cad.assemble import assemble_part
 from itree_cad.bundled import bundled_part
 from itree_cad.part import Part
-from itree_cad.primitives import cylinder_part, sphere_part
 from itree_cad.revolution import rings
 from itree_cad.symmetry import rotation, symmetries
+
+from ..primitives import cylinder_part, sphere_part
 
 BUSHING = bundled_part("stepped-bushing")
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part
 from itree_cad.surface_distance import SurfaceDistance, surface_sample
+
+from ..primitives import box_part
 
 
 def box_surface_distance(points, half):

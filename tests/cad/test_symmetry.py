@@ -7,9 +7,10 @@ from itree_cad.assemble import assemble_part
 from itree_cad.bundled import bundled_part, part_from_solid
 from itree_cad.csg import Surface, box, extrude, polygon
 from itree_cad.load import load_part, save_stl
-from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 from itree_cad.surface_distance import SurfaceDistance
 from itree_cad.symmetry import Symmetries, rotation, symmetries
+
+from ..primitives import box_part, cone_part, cylinder_part, sphere_part, torus_part
 
 
 def prism(sides, radius=20.0, height=13.0):

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from itree_cad.primitives import box_part
 from itree_cad.units import check_size, named_unit, step_unit, unit_factor
 from itree_kernels.errors import ItreeError
+
+from ..primitives import box_part
 
 
 def step(*units: str) -> str:

@@ -1,7 +1,13 @@
 """Outputs are whole or not there."""
 
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 from itree_kernels.errors import ItreeError
+from itree_kernels.whole_files import write_whole
 
 from itree_jax.cli.outputs import check_file, check_folder, staged_folder
 
@@ -51,3 +57,42 @@ def test_a_place_that_cannot_be_written_to_is_refused_with_its_name(tmp_path):
     ):
         with pytest.raises(ItreeError, match=message):
             check(place)
+
+
+NOBODY = 65534
+
+
+@pytest.fixture
+def without_permission() -> Iterator[Path]:
+    """A folder that this process may read and not write to; it is nobody meanwhile, where it was root."""
+    with tempfile.TemporaryDirectory() as place:
+        locked = Path(place) / "locked"
+        locked.mkdir()
+        (locked / "a.csv").write_text("old")
+        locked.chmod(0o555)
+        Path(place).chmod(0o777)
+        before = os.geteuid()
+        if before == 0:
+            os.seteuid(NOBODY)
+        try:
+            yield locked
+        finally:
+            os.seteuid(before)
+            locked.chmod(0o755)
+
+
+def test_a_folder_without_permission_is_refused_before_the_work_and_after_it(without_permission):
+    def staged(folder: Path) -> None:
+        with staged_folder(folder):
+            pass
+
+    new, old = without_permission / "new", without_permission / "a.csv"
+    for place, doors in (
+        (new, (check_file, check_folder, staged, lambda at: write_whole(at, "new"))),
+        (old, (check_file, lambda at: write_whole(at, "new"))),
+        (without_permission, (check_folder, staged)),
+    ):
+        for door in doors:
+            with pytest.raises(ItreeError, match=r"locked.* cannot be written.*\(Permission denied\)"):
+                door(place)
+    assert tree_of(without_permission) == {"a.csv": "old"}

@@ -73,7 +73,8 @@ def test_a_unit_is_done_again_when_its_inputs_its_files_or_its_record_are_not_th
     (tmp_path / "2.txt").unlink()
     assert run(units, tmp_path).resumed == 1
     record = tmp_path / "units" / "a.json"
-    for spoilt in ("{", "[]", json.dumps({"key": units[0].key})):
+    whole = json.loads(record.read_text())
+    for spoilt in ("{", "[]", json.dumps({"key": units[0].key}), json.dumps(whole | {"files": ["1.txt"]})):
         record.write_text(spoilt)
         assert run(units, tmp_path).resumed == 1
     assert run(units, tmp_path).resumed == 2

@@ -51,7 +51,7 @@ def test_the_newest_entry_of_the_changelog_is_of_this_version(release):
 
 
 def test_every_dependency_has_a_lower_bound_that_the_check_holds(release):
-    lowest = release("check_minimum").lower_bounds(PROJECT)
+    lowest = release("check_dependencies").lower_bounds(PROJECT)
     names = {re.split(r"[\[>=<~!]", requirement)[0] for requirement in PROJECT["project"]["dependencies"]}
     assert names <= set(lowest)
     assert {"mujoco", "matplotlib", "viser"} <= set(lowest)

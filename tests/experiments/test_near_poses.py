@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
 from quality.near_poses import errors_below, least_errors
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
@@ -10,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.symmetry import symmetry_set
 from itree_jax.evaluation.truth import Model
+
+from ..primitives import box_part
 
 BOX = box_part(60.0, 40.0, 25.0)
 MIDDLE = 0.5 * (BOX.vertices.min(axis=0) + BOX.vertices.max(axis=0))

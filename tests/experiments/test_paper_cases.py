@@ -15,7 +15,6 @@ from cases.region_figures import square_sides
 from cases.region_frame import RegionFrame
 from hypothesis import given
 from hypothesis import strategies as st
-from itree_cad.primitives import box_part
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh, ray_mesh
@@ -23,6 +22,8 @@ from itree_kernels.mesh import RayMesh, ray_mesh
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.simulate.bin import Bin
 from itree_jax.tree.tree import PRUNED, InterpretationTree
+
+from ..primitives import box_part
 
 SIDE = st.floats(1.0, 80.0)
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from itree_cad.primitives import box_part
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import ray_mesh
 from quality.attitude_groups import GroupPair, group_confusion, true_groups
@@ -31,6 +30,8 @@ from itree_jax.evaluation.symmetry import symmetry_set
 from itree_jax.evaluation.truth import SceneTruth
 from itree_jax.results import BopResults
 from itree_jax.tree.tree import InterpretationTree
+
+from ..primitives import box_part
 
 CAMERA = Camera("pinhole", 900.0, 900.0, 79.5, 59.5, 160, 120)
 BOX = box_part(60.0, 40.0, 25.0)

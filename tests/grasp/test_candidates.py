@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part, cylinder_part, sphere_part
 
 from itree_jax.grasp import grasp_table, load_gripper
 from itree_jax.grasp.cup_candidates import sagitta
 from itree_jax.grasp.surface import SPACING, holdable_faces, spread, thinned
+
+from ..primitives import box_part, cylinder_part, sphere_part
 
 JAW, CUP = load_gripper("bundled:jaw"), load_gripper("bundled:cup")
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from itree_cad.primitives import box_part, cylinder_part
 from itree_kernels.errors import ItreeError
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -21,6 +20,7 @@ from itree_jax.grasp.rank import fits
 from itree_jax.grasp.results import SCHEMA_PATH
 from itree_jax.world import BinWalls, world_meshes
 
+from ..primitives import box_part, cylinder_part
 from ..test_results import violations
 from .worlds import DOWN, FLOOR, moved, placed, pose, prism, world
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part, sphere_part
 from itree_cad.symmetry import Symmetries
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
@@ -20,6 +19,8 @@ from itree_jax.refinement.hypotheses import (
 )
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import Verdict
+
+from ..primitives import box_part, sphere_part
 
 NONE = Symmetries(np.eye(4)[None], ())
 TWO_FOLD = Symmetries(np.stack([np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])]), ())

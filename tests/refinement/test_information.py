@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
@@ -16,6 +15,7 @@ from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.uncertainty import rim_motions, rim_uncertainty
 from itree_jax.refinement.unobservable import unobservable
 
+from ..primitives import box_part, cone_part, cylinder_part, sphere_part
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
 CAMERAS = {

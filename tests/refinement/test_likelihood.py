@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import ray_mesh
 from itree_kernels.weighing import EDGE_DENSITY, EDGE_FOUND, LIT_SHADING, OUTLIERS, SEEN_THROUGH
@@ -15,6 +14,7 @@ from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normal
 from itree_jax.refinement.select import likelihood_ratio
 from itree_jax.tree.appearances import mesh_reach
 
+from ..primitives import box_part
 from .asked import depth_ratio, edge_ratio, needle_ratio, shading
 
 CAMERA = Camera("pinhole", 800.0, 800.0, 79.5, 59.5, 160, 120)

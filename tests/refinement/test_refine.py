@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part, sphere_part
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
@@ -19,6 +18,7 @@ from itree_jax.refinement.residuals import NormalEquations
 from itree_jax.refinement.uncertainty import RimMotions, rim_uncertainty
 from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
 
+from ..primitives import box_part, sphere_part
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
 STAGES = [Stage(10, 64, (12.0, 1.0), (1.0, 0.3), (15.0, 2.0))]

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
 from itree_kernels.mesh import ray_mesh
 
 from itree_jax.refinement.likelihood import Support
@@ -13,6 +12,8 @@ from itree_jax.refinement.scoring import SCORINGS, SIGNS, Measures, contour_of, 
 from itree_jax.refinement.select import Judged, likelihood_ratio, select_jointly, together
 from itree_jax.refinement.solids import share_space, solid
 from itree_jax.refinement.verify import Verdict
+
+from ..primitives import box_part
 
 SIZE = 40
 IMAGE = (200, 300)

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part
 from itree_kernels.inside import signed_distance
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.solids import Solid, share_space, solid
+
+from ..primitives import box_part
 
 EYE, ZERO = np.eye(3), np.zeros(3)
 ANYWHERE = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([30.0, -20.0, 500.0])

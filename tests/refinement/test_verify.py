@@ -4,7 +4,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
-from itree_cad.primitives import box_part
 from itree_kernels.agreement import CONTOUR_STEP
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement.optimise import Hypotheses, RefineModel
 from itree_jax.refinement.verify import verify, visible_centres
 
+from ..primitives import box_part
 from .scenes import DISTANCE, JUMP, PINHOLE, TOLERANCES, centred, floor_below, model_of, plane, seen
 
 SIZE = 96

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
+
+from ..primitives import box_part
 
 pytest.importorskip("mujoco")
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part, part_from_solid
 from itree_cad.csg import box
-from itree_cad.primitives import box_part, sphere_part
 from scipy.spatial import ConvexHull
 
 from itree_jax.simulate.decompose import MAX_PIECES, convex_pieces
+
+from ..primitives import box_part, sphere_part
 
 
 def manifold_of(part) -> manifold3d.Manifold:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part
 from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 
@@ -17,6 +16,8 @@ from itree_jax.sensing.scene_folder import load_scene
 from itree_jax.simulate import Bin, ImageNoise, Look, bin_for, demo_bin, demo_scene, image_bin, simulate
 from itree_jax.simulate.bin import camera_above
 from itree_jax.stereo.second_file import load_second
+
+from ..primitives import box_part
 
 SMALL = replace(
     bundled_sensor("bench"), camera=Camera("pinhole", 300.0, 300.0, 59.5, 44.5, 120, 90), working_distance=500.0

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
 from itree_cad.part import Part
-from itree_cad.primitives import box_part
 from itree_kernels.errors import ItreeError
 from scipy.spatial import ConvexHull
 
 from itree_jax.simulate import Bin, bundled_poses, settle
 from itree_jax.simulate.settle import engine
+
+from ..primitives import box_part
 
 BIN = Bin((120.0, 100.0), 20.0)
 

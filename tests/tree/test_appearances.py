@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from itree_cad.primitives import sphere_part
 from itree_kernels.apparent import cast_apparent_shapes
 from itree_kernels.mesh import ray_mesh
 
@@ -12,6 +11,8 @@ from itree_jax.tree.appearances import WINDOW_SIZE, appearances, interpretable, 
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import roll_rotation
 from itree_jax.tree.sights import MOST_REGIONS, largest_regions
+
+from ..primitives import sphere_part
 
 RADIUS = 25.0
 

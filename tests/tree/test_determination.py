@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from itree_cad.primitives import box_part, cone_part, cylinder_part, sphere_part
 from itree_cad.symmetry import Symmetries, rotation, symmetries
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
@@ -31,6 +30,8 @@ from itree_jax.tree.determination import (
 )
 from itree_jax.tree.dome import dome, parent_view
 from itree_jax.tree.draws import Draws, noisy_draws, random_attitudes
+
+from ..primitives import box_part, cone_part, cylinder_part, sphere_part
 
 VIEWS = 5  # of a group of the gem: the cells round one corner of the dome, as wide as an attitude group is
 GROUPS = 60 // VIEWS

@@ -7,13 +7,14 @@ import pytest
 from itree_cad.assemble import assemble_part
 from itree_cad.bundled import bundled_part
 from itree_cad.part import Part
-from itree_cad.primitives import box_part, cylinder_part, sphere_part
 from itree_cad.revolution import rings
 from itree_cad.symmetry import Symmetries, rotation, symmetries
 from itree_kernels.mesh import ray_mesh
 
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.tree.groups import AttitudeGroups, attitude_groups, group_of_label
+
+from ..primitives import box_part, cylinder_part, sphere_part
 
 SENSOR = bundled_sensor("ikeuchi-1987")
 COARSE = dataclasses.replace(SENSOR, camera=dataclasses.replace(SENSOR.camera, fx=1.0, fy=1.0))

@@ -1,9 +1,10 @@
 """Installs the lowest versions that pyproject.toml allows into a new environment and runs a quick part of the tests.
 
-    python experiments/release/check_minimum.py [--python PYTHON] [--tests PATH ...] [--keep DIR]
+    python experiments/release/check_dependencies.py [--newest] [--python PYTHON] [--tests PATH ...] [--keep DIR]
 
 Every dependency of the package and of the extras `EXTRAS` that has a lower bound is held at it; what they need in turn
-is the newest that fits. Prints the versions, and ends with the exit code of the tests. `--keep` leaves the environment.
+is the newest that fits. `--newest`: nothing is held, pip takes what it takes today. Prints the versions, and ends with
+the exit code of the tests. `--keep` leaves the environment.
 """
 
 import re
@@ -28,6 +29,8 @@ BOUND = re.compile(r"^(?P<name>[A-Za-z0-9._-]+)(\[.*\])?>=(?P<version>[0-9.]+)$"
 
 @dataclass(frozen=True)
 class Config:
+    newest: bool = False
+    """Without the bounds: the newest versions that fit."""
     tests: tuple[str, ...] = TESTS
     """What pytest runs."""
     python: str | None = None
@@ -37,12 +40,13 @@ class Config:
 
 
 def main(config: Config) -> int:
-    """The exit code of the tests under the lowest versions."""
+    """The exit code of the tests under these versions."""
     lowest = lower_bounds(tomllib.loads((ROOT / "pyproject.toml").read_text()))
     with folder(config.keep) as place:
         environment = Environment.new(place / "environment", config.python)
         held = place / "lowest.txt"
-        held.write_text("".join(f"{name}=={version}\n" for name, version in lowest.items()))
+        bounds = {} if config.newest else lowest
+        held.write_text("".join(f"{name}=={version}\n" for name, version in bounds.items()))
         environment.install("-c", held, f"{ROOT}[{','.join(EXTRAS)}]", *TOOLS)
         print_versions(environment, lowest)
         command = [environment.program("pytest"), "-q", "-p", "no:cacheprovider", "-W", "default", *config.tests]

@@ -21,8 +21,8 @@ from itree_jax.cluster.unit import Outcome, Product, Unit
 RECORDS = "units"
 
 
-class Done(NamedTuple):
-    """A finished unit."""
+class FinishedUnit(NamedTuple):
+    """What is known of one."""
 
     name: str
     seconds: float
@@ -30,8 +30,8 @@ class Done(NamedTuple):
     record: dict[str, Any]
 
 
-class Store:
-    """The finished units of one folder, which is made if it is not there (the folder above it must be)."""
+class FinishedUnits:
+    """Those of one folder, which is made if it is not there (the folder above it must be)."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,18 +41,18 @@ class Store:
         except OSError as error:
             raise ItreeError(f"{folder}: cannot be written to ({error})") from error
 
-    def finished(self, unit: Unit) -> Done | None:
+    def finished(self, unit: Unit) -> FinishedUnit | None:
         """The unit as it was finished by an earlier run; None if it wasn't, or its inputs or files have changed."""
         try:
             said = json.loads(self._record(unit.name).read_text(encoding="utf-8"))
-            key, files = said["key"], said["files"]
-            done = Done(unit.name, said["seconds"], said["cpu_seconds"], said["record"])
+            key, files = said["key"], dict(said["files"])
+            done = FinishedUnit(unit.name, said["seconds"], said["cpu_seconds"], said["record"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         whole = all(digest_of_file(self.folder / name) == digest for name, digest in files.items())
         return done if key == unit.key and whole else None
 
-    def keep(self, unit: Unit, product: Product, outcome: Outcome) -> Done:
+    def keep(self, unit: Unit, product: Product, outcome: Outcome) -> FinishedUnit:
         """Writes what a unit gave. Raises ItreeError when it cannot."""
         for name, content in product.files.items():
             (self.folder / name).parent.mkdir(exist_ok=True)
@@ -62,7 +62,7 @@ class Store:
         said = {"key": unit.key, **spent, "files": files, "record": product.record}
         text = json.dumps(said, indent=1, allow_nan=False) + "\n"
         write_whole(self._record(unit.name), text.encode())
-        return Done(unit.name, **spent, record=json.loads(text)["record"])  # as a later run will read it
+        return FinishedUnit(unit.name, **spent, record=json.loads(text)["record"])  # as a later run will read it
 
     def _record(self, name: str) -> Path:
         return self.folder / RECORDS / f"{name}.json"
