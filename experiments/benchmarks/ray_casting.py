@@ -141,9 +141,7 @@ def measure(
     return [told | row for row in table_rows(shapes.face.size, ray_count(shapes, lights), runs)]
 
 
-def filled_ratio(
-    mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None"
-) -> list[dict[str, Any]]:
+def filled_ratio(mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None") -> list[dict[str, Any]]:
     """The same pixels filled, against nearest hits alone: a row per number of threads."""
     R, t = poses(config.views)
     shape, device = (config.views, camera.height, camera.width), mesh.device
@@ -170,7 +168,8 @@ def filled_ratio(
     runs = in_turns(fill, rival(embree, queries), written, device, config)
     shapes = cast_apparent_shapes(mesh, R, t, camera, LIGHTS[:0], SLANT_LIMIT)
     told = {
-        "what": f"{camera.kind}, filled", "bytes_per_pixel": written / triangle.size,
+        "what": f"{camera.kind}, filled",
+        "bytes_per_pixel": written / triangle.size,
         "hits_differ": float(np.mean((triangle.numpy() >= 0) != (shapes.face >= 0))),  # from ours, on outlines
     }
     return [told | row for row in table_rows(triangle.size, triangle.size, runs)]
