@@ -2,11 +2,12 @@
 
     python experiments/forest_growth.py [--cache DIR] [--sizes N ...] [--scenes N] [--runs N] [--out FILE]
 
-The parts (`forest_parts.py`) are compiled with few draws, once; the trees stay in the cache, and a part that can't be
-compiled for the sensor is left out. The bins hold the five bundled parts, one each, dropped by the physics engine
-(extra `sim`), so that forests of five parts and more know all that lies there. Memory is what the trees' arrays take,
-and what the process holds after the scenes. Forests up to the size `--exhaustive` are also measured without their root
-(all regions, all parts): that is what N trees one after another cost.
+The parts (`forest_parts.py`) are compiled with few draws, once; the trees stay in the cache, and in the place of a part
+that can't be compiled for the sensor stands the next one. The bins hold the five bundled parts, one each, dropped by
+the physics engine (extra `sim`), so that forests of five parts and more know all that lies there. Memory is what the
+trees' arrays take, and what the process holds after the scenes. Forests up to the size `--exhaustive` are also measured
+without their root (all regions, all parts): that is what N trees one after another cost. A picture lies beside FILE
+(extra `figures`).
 """
 
 import argparse
@@ -15,6 +16,7 @@ import resource
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,7 @@ from itree_jax.tree.tree_file import load_tree, save_tree
 
 VISIBLE = 0.7  # parts that recall counts
 RIGHT = 0.05  # MSSD, of the diameter
+MOST_TRIED = 3  # times as many parts as are asked for
 
 
 @dataclass(frozen=True)
@@ -81,13 +84,13 @@ class Row:
 
 
 def main(config: Config) -> None:
-    """Writes `config.out`, prints the table."""
+    """Writes `config.out` and a picture beside it, prints the table."""
     sensor = bundled_sensor("bench")
     files = compiled(sensor, config)
     prepared: list[Prepared] = []
     scenes = [mixed_bin(sensor, config.seed + k) for k in range(config.scenes)]
     rows = []
-    for size in sorted(min(size, len(files)) for size in config.sizes):
+    for size in sorted(config.sizes):
         prepared += [prepare(load_tree(path)) for path in files[len(prepared) : size]]
         start = time.perf_counter()
         root = compile_forest([p.tree for p in prepared[:size]]).root
@@ -101,14 +104,18 @@ def main(config: Config) -> None:
     config.out.parent.mkdir(parents=True, exist_ok=True)
     said = {"config": {k: str(v) for k, v in asdict(config).items()}, "rows": [asdict(row) for row in rows]}
     config.out.write_text(json.dumps(said | {"ratios": ratios(rows)}, indent=1) + "\n")
+    draw([row for row in rows if row.root], config.out.with_suffix(".png"))
     print("\n" + as_table(rows, head=True) + "\n\n" + "\n".join(ratio_line(r) for r in ratios(rows)))
 
 
 def compiled(sensor: Sensor, config: Config) -> list[Path]:
     """The trees of as many parts as the largest forest holds, compiled where the cache has none."""
     files: list[Path] = []
+    asked = max(config.sizes)
     config.cache.mkdir(parents=True, exist_ok=True)
-    for number, name in enumerate(part_names(max(config.sizes)), start=1):
+    for number, name in enumerate(islice(part_names(), MOST_TRIED * asked), start=1):
+        if len(files) == asked:
+            break
         path = config.cache / f"{name.replace(':', '_')}.tree"
         if not path.exists():
             try:
@@ -119,6 +126,8 @@ def compiled(sensor: Sensor, config: Config) -> list[Path]:
             save_tree(tree, path)
             print(f"{name}: compiled", flush=True)
         files.append(path)
+    if len(files) < asked:
+        raise SystemExit(f"{len(files)} of {MOST_TRIED * asked} parts can be compiled for this sensor, not {asked}")
     return files
 
 
@@ -220,6 +229,31 @@ def ratios(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def ratio_line(r: dict[str, Any]) -> str:
     more = f"{r['parts']:.1f} times the parts: {r['pairs']:.2f} times the pairs, {r['cpu_seconds']:.2f} times the work"
     return f"{r['from']} -> {r['to']}: {more}"
+
+
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """Seconds of a scene to the left, memory to the right, over the number of parts."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.4, 3.4), layout="constrained")
+    seconds = figure.subplots()
+    memory = seconds.twinx()
+    parts = [r.parts for r in rows]
+    lines = [
+        *seconds.plot(parts, [r.cpu_seconds for r in rows], "o-", color="#0072b2", label="CPU s per scene"),
+        *seconds.plot(parts, [r.seconds for r in rows], "o:", color="#0072b2", label="s per scene, by the clock"),
+        *memory.plot(parts, [r.resident_mb for r in rows], "s-", color="#d55e00", label="memory of the process"),
+        *memory.plot(parts, [r.tree_mb for r in rows], "s:", color="#d55e00", label="arrays of the trees"),
+    ]
+    seconds.set(xlabel="parts in the forest", xscale="log", ylim=(0, None))
+    seconds.set_xticks(parts, [f"{n}" for n in parts])
+    seconds.xaxis.minorticks_off()
+    seconds.grid(color="#dddddd")
+    seconds.set_ylabel("seconds", color="#0072b2")
+    memory.set_ylabel("MB", color="#d55e00")
+    memory.set_ylim(0, None)
+    figure.legend(handles=lines, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    figure.savefig(path, dpi=100)
 
 
 if __name__ == "__main__":

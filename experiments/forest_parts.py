@@ -2,15 +2,15 @@
 $ITREE_DATA/cad, and as many variants of the fifteen as are asked for: stretched, and with a corner cut off or a hole.
 """
 
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
+from benchmarks.cad_files import cad_files, load_given
 from itree_cad.bundled import BUNDLED_PARTS, bundled_part, part_from_solid
 from itree_cad.csg import Edge, Solid, Surface, arc, box, cylinder, extrude, lathe, polygon
-from itree_cad.load import load_part
 from itree_cad.part import Part
 
 
@@ -138,27 +138,23 @@ VARIANT, FILE = "~", "file:"
 STRETCH = (0.8, 1.25)  # of a variant along each axis: a part of the same family, as catalogues have them
 
 
-def part_names(count: int) -> list[str]:
-    """The first `count` parts: `PART_NAMES`, then CAD files, then variants, the first of every builder first."""
-    files = [f"{FILE}{path.name}" for path in cad_files()]
-    names, number = [*PART_NAMES, *files], 1
-    while len(names) < count:
-        names += [f"{name}{VARIANT}{number}" for name in BUILDERS]
-        number += 1
-    return names[:count]
+def part_names() -> Iterator[str]:
+    """Without end: `PART_NAMES`, then CAD files, then variants, the first of every builder first."""
+    yield from PART_NAMES
+    yield from (f"{FILE}{path.name}" for path in single_parts())
+    for number in count(1):
+        yield from (f"{name}{VARIANT}{number}" for name in BUILDERS)
 
 
-def cad_files() -> list[Path]:
-    """Of the data folder, where there is one: those of a single solid."""
-    data = os.environ.get("ITREE_DATA")
-    found = sorted((Path(data) / "cad").iterdir()) if data else []
-    return [path for path in found if not path.name.startswith(ASSEMBLIES)]
+def single_parts() -> list[Path]:
+    """The CAD files of a single solid."""
+    return [path for path in cad_files() if not path.name.startswith(ASSEMBLIES)]
 
 
 def forest_part(name: str) -> Part:
     """One of `part_names`."""
     if name.startswith(FILE):
-        part = load_part(next(path for path in cad_files() if path.name == name.removeprefix(FILE)))
+        part = load_given(next(path for path in single_parts() if path.name == name.removeprefix(FILE)))
         return replace(part, name=name.removeprefix(FILE))
     if VARIANT in name:
         family, number = name.split(VARIANT)

@@ -100,7 +100,7 @@ def small_sensor():
     return scaled(bundled_sensor("bench"), SCALE)
 
 
-def bins(count: int, seed: int) -> list:
+def bins(count: int, seed: int, parts: int = PARTS) -> list:
     """Distinct simulated scenes; the same seed gives the same."""
     from itree_cad.bundled import bundled_part
 
@@ -109,7 +109,7 @@ def bins(count: int, seed: int) -> list:
     part, sensor = bundled_part(PART), small_sensor()
     bin_ = bin_for(sensor, part.diameter)
     seeds = np.random.SeedSequence(seed).generate_state(count).tolist()
-    return [image_bin(part, settle(part, PARTS, bin_, one), bin_, sensor, seed=one)[0] for one in seeds]
+    return [image_bin(part, settle(part, parts, bin_, one), bin_, sensor, seed=one)[0] for one in seeds]
 
 
 def soaked(config: Config, tree: Path) -> tuple[list[str], list[Checkpoint]]:

@@ -1,14 +1,18 @@
-"""How many rays a second `cast_apparent_shapes` casts: an icosphere seen from many views, by one core and by all.
+"""How many rays a second `cast_apparent_shapes` casts: an icosphere seen from many views, on one core and on two.
 
     python experiments/benchmarks/ray_casting.py --out out/ray_casting
 
-Rays are those really cast: one for each pixel, and one toward each light from every point that faces it. The rate by
-the clock is for a machine that does nothing else; the rate by the processor's time holds on a shared one too.
+Rays are those really cast: one for each pixel, and one toward each light from every point that faces it. Numbers are
+medians. The rate by the clock is for a machine that does nothing else; that by the processor's time holds on a shared
+one too.
 
-Embree (extra `bench`) gets the same rays on one core, in turns with ours: nearest hits of
-all pixels, then any-hit queries toward the lights. Its rays lie ready in memory and its answers stay there; ours makes
-the rays in the kernel and writes all maps of `ApparentShapes`. The binding hands Embree one ray at a time, so what is
-compared is the program one would get from Python, not the best that Embree's packets could do.
+Embree (extra `bench`) gets the same rays on as many threads, in turns with ours: nearest hits of all pixels, then
+any-hit queries toward the lights, both in as many pieces as ours are launched in. Its rays lie ready in memory and its
+answers stay there; ours makes the rays in the kernel and writes all maps of `ApparentShapes`. The binding hands Embree
+one ray at a time, so what is compared is the program one would get from Python, not the best that Embree's packets
+could do.
+
+A bound: as many bytes as the maps hold are copied on as many threads. Memory lets nobody be faster than that.
 
 Last, the same pixels filled triangle by triangle (`itree_kernels.raster`): nearest hits alone, no lights.
 """
@@ -17,9 +21,12 @@ import json
 import os
 import platform
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -31,6 +38,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh, ray_mesh
 from itree_kernels.raster import raster_kernel
 from itree_kernels.rays import camera_vector
+from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 from scipy.spatial.transform import Rotation
 
@@ -39,6 +47,8 @@ if TYPE_CHECKING:
 
 LIGHTS = np.array([[0.0, -0.5736, -0.8192], [-0.4967, 0.2868, -0.8192], [0.4967, 0.2868, -0.8192]])
 RADIUS = 30.0  # [mm]
+SLANT_LIMIT = np.deg2rad(42.0)
+PIECES = 4  # per thread, as `launch_in_chunks` has them: none waits long for the last one
 
 
 @dataclass(frozen=True)
@@ -47,8 +57,17 @@ class Config:
     subdivisions: int = 4  # of the icosphere: 20 * 4^n triangles
     views: int = 240
     size: int = 128  # [px]
-    repeats: int = 5  # the fastest is reported, and the median of the ratios
+    repeats: int = 5  # of everything, in turns, after one that warms up
+    threads: tuple[int, ...] = (1, 2)
     device: str | None = None  # Warp's name; default: Warp's own choice
+
+
+class Spent(NamedTuple):
+    clock: float  # [s]
+    cpu: float  # [s] of all cores
+
+
+Runs = dict[str, dict[int, list[Spent]]]  # by who ran and on how many threads
 
 
 def main(config: Config) -> None:
@@ -57,33 +76,37 @@ def main(config: Config) -> None:
     mesh = ray_mesh(solid.vertices, solid.faces, np.arange(len(solid.faces)) % 32768, config.device)
     embree = embree_scene(solid)
     rows = [
-        measure(mesh, camera, lights, threads, config, embree)
+        row
         for camera in cameras(config.size)
         for lights in (LIGHTS[:0], LIGHTS)
-        for threads in (sorted({1, os.cpu_count() or 1}) if mesh.device == "cpu" else [1])
+        for row in measure(mesh, camera, lights, config, embree)
     ]
-    filled = []
     if mesh.device == "cpu":
-        filled = [filled_ratio(mesh, camera, config, embree) for camera in cameras(config.size)]
+        rows += [row for camera in cameras(config.size) for row in filled_ratio(mesh, camera, config, embree)]
     machine = {"processor": platform.machine(), "cores": os.cpu_count(), "device": mesh.device, "warp": wp.__version__}
     result = {"machine": machine, "triangles": len(solid.faces), "config": asdict(config) | {"out": str(config.out)}}
     config.out.mkdir(parents=True, exist_ok=True)
-    (config.out / "ray_casting.json").write_text(json.dumps(result | {"rows": rows, "filled": filled}, indent=2) + "\n")
-    print(f"{len(solid.faces)} triangles, {config.views} views of {config.size} x {config.size}, {mesh.device}")
-    print(
-        f"{'camera':<14}{'lights':>7}{'threads':>9}{'seconds':>10}{'Mpixel/s':>10}{'Mray/s':>8}{'Mray/core-s':>13}"
-        f"{'of Embree':>11}"
-    )
-    for row in rows:
-        print(
-            f"{row['camera']:<14}{row['lights']:>7}{row['threads']:>9}{row['seconds']:>10.3f}"
-            f"{row['pixels_per_second'] / 1e6:>10.2f}{row['rays_per_second'] / 1e6:>8.2f}"
-            f"{row['rays_per_core_second'] / 1e6:>13.2f}{ratio_in_words(row):>11}"
-        )
+    (config.out / "ray_casting.json").write_text(json.dumps(result | {"rows": rows}, indent=2) + "\n")
+    print(f"{len(solid.faces)} triangles, {config.views} views of {config.size} x {config.size}, {mesh.device}\n")
+    print(as_table(rows))
 
-    for row in filled:
-        rate = f"{row['pixels_per_core_second'] / 1e6:.2f} Mpixel/core-s, {ratio_in_words(row)} of Embree"
-        print(f"{row['camera']}, filled triangle by triangle: {rate}")
+
+def as_table(rows: list[dict[str, Any]]) -> str:
+    lines = [
+        "| what | threads | s | Mpixel/s | Mray/s | Mray/core-s | speed against Embree, clock | CPU | "
+        "faster than on one thread | Embree | share of the time that copying the bytes takes |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        rates = (f"{row[name] / 1e6:.2f}" for name in ("pixels_per_second", "rays_per_second", "rays_per_core_second"))
+        told = (in_words(row[name]) for name in ("of_embree", "of_embree_cpu", "speed_up", "embree_speed_up"))
+        cells = (row["what"], str(row["threads"]), f"{row['seconds']:.3f}", *rates, *told)
+        lines.append("| " + " | ".join(cells) + f" | {100 * row['copy_share']:.1f} % |")
+    return "\n".join(lines)
+
+
+def in_words(ratio: float | None) -> str:
+    return "-" if ratio is None else f"{ratio:.2f}"
 
 
 def cameras(size: int) -> list[Camera]:
@@ -97,74 +120,116 @@ def cameras(size: int) -> list[Camera]:
 
 
 def measure(
-    mesh: RayMesh, camera: Camera, lights: np.ndarray, threads: int, config: Config, embree: "EmbreeScene | None"
-) -> dict:
-    """Ours and Embree in turns; `of_embree` is the median ratio of rays per second of the processor."""
+    mesh: RayMesh, camera: Camera, lights: np.ndarray, config: Config, embree: "EmbreeScene | None"
+) -> list[dict[str, Any]]:
+    """Rays from this camera: a row per number of threads."""
     lights = lights / np.linalg.norm(lights, axis=1, keepdims=True)
     R, t = poses(config.views)
-    cast_apparent_shapes(mesh, R[:1], t[:1], camera, lights, np.deg2rad(42.0))  # compiles
-    seconds, core_seconds, of_embree = [], [], []
+    shapes = cast_apparent_shapes(mesh, R, t, camera, lights, SLANT_LIMIT)
     queries = None if embree is None else queries_for_embree(mesh, R, t, camera, lights)
-    with patch("os.cpu_count", return_value=threads):
-        for _ in range(config.repeats):
-            start, core_start = time.perf_counter(), time.process_time()
-            shapes = cast_apparent_shapes(mesh, R, t, camera, lights, np.deg2rad(42.0))
-            seconds.append(time.perf_counter() - start)
-            core_seconds.append(time.process_time() - core_start)
-            if embree is not None and queries is not None:
-                of_embree.append(embree_seconds(embree, queries) / core_seconds[-1])
-    rays = ray_count(shapes, lights)
-    return {
-        "camera": camera.kind,
-        "lights": len(lights),
-        "threads": threads,
-        "seconds": min(seconds),
-        "pixels_per_second": shapes.face.size / min(seconds),
-        "rays_per_second": rays / min(seconds),
-        "rays_per_core_second": rays / min(core_seconds),
-        "of_embree": float(np.median(of_embree)) if of_embree else None,
+
+    def cast(threads: int) -> Spent:
+        with patch("os.cpu_count", return_value=threads):
+            return spent(lambda: cast_apparent_shapes(mesh, R, t, camera, lights, SLANT_LIMIT))
+
+    written = sum(m.nbytes for m in (shapes.face, shapes.depth, shapes.normal, shapes.lit, shapes.detectable))
+    runs = in_turns(cast, rival(embree, queries), written, mesh.device, config)
+    told = {
+        "what": f"{camera.kind}, {len(lights)} lights", "bytes_per_pixel": written / shapes.face.size,
         "hits_differ": None if queries is None or embree is None else hits_differ(embree, queries, shapes),
-    }
+    }  # fmt: skip
+    return [told | row for row in table_rows(shapes.face.size, ray_count(shapes, lights), runs)]
 
 
-def filled_ratio(mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None") -> dict:
-    """Seconds of one core that filling takes per pixel; `of_embree` as in `measure`, for nearest hits alone."""
+def filled_ratio(mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None") -> list[dict[str, Any]]:
+    """The same pixels filled, against nearest hits alone: a row per number of threads."""
     R, t = poses(config.views)
     shape, device = (config.views, camera.height, camera.width), mesh.device
     depth, triangle = wp.zeros(shape, dtype=float, device=device), wp.zeros(shape, dtype=int, device=device)
-    inputs = [
+    before = [
         mesh.warp_mesh.points, mesh.warp_mesh.indices, mesh.normals_obj, int(mesh.is_closed),
         wp.array(R.astype(np.float32), dtype=wp.mat33, device=device),
         wp.array(t.astype(np.float32), dtype=wp.vec3, device=device),
         wp.zeros(config.views, dtype=wp.vec2, device=device), camera_vector(camera), int(camera.is_orthographic), 1.0,
-        0, wp.full(config.views, 1, dtype=int, device=device),
     ]  # fmt: skip
+    stale = wp.full(config.views, 1, dtype=int, device=device)
     load_kernel(raster_kernel, device)
     queries = None if embree is None else queries_for_embree(mesh, R, t, camera, LIGHTS[:0])
-    seconds, of_embree = [], []
-    for _ in range(config.repeats):
-        start = time.process_time()
-        wp.launch(raster_kernel, dim=config.views, inputs=inputs, outputs=[depth, triangle], device=device)
-        seconds.append(time.process_time() - start)
-        if embree is not None and queries is not None:
-            of_embree.append(embree_seconds(embree, queries) / seconds[-1])
-    shapes = cast_apparent_shapes(mesh, R, t, camera, LIGHTS[:0], np.deg2rad(42.0))
-    return {
-        "camera": camera.kind,
-        "pixels_per_core_second": triangle.size / min(seconds),
-        "of_embree": float(np.median(of_embree)) if of_embree else None,
+
+    def launch(first: int, last: int) -> None:
+        inputs = [*before, first, stale]
+        wp.launch(raster_kernel, dim=last - first, inputs=inputs, outputs=[depth, triangle], device=device)
+
+    def fill(threads: int) -> Spent:
+        with patch("os.cpu_count", return_value=threads):
+            return spent(lambda: launch_in_chunks(launch, config.views, camera.width * camera.height, device))
+
+    written = depth.numpy().nbytes + triangle.numpy().nbytes
+    runs = in_turns(fill, rival(embree, queries), written, device, config)
+    shapes = cast_apparent_shapes(mesh, R, t, camera, LIGHTS[:0], SLANT_LIMIT)
+    told = {
+        "what": f"{camera.kind}, filled",
+        "bytes_per_pixel": written / triangle.size,
         "hits_differ": float(np.mean((triangle.numpy() >= 0) != (shapes.face >= 0))),  # from ours, on outlines
     }
+    return [told | row for row in table_rows(triangle.size, triangle.size, runs)]
+
+
+def rival(embree: "EmbreeScene | None", queries: "Queries | None") -> Callable[[int], Spent] | None:
+    return None if embree is None or queries is None else lambda threads: embree_seconds(embree, queries, threads)
+
+
+def in_turns(
+    ours: Callable[[int], Spent], embree: Callable[[int], Spent] | None, count: int, device: str, config: Config
+) -> Runs:
+    """Ours, Embree and a copy of `count` bytes, one after the other on each number of threads, over and over."""
+    source, target = np.ones(count, np.uint8), np.zeros(count, np.uint8)
+    contestants = {"ours": ours, "copy": lambda threads: copy_seconds(source, target, threads)}
+    if embree is not None:
+        contestants["embree"] = embree
+    threads = config.threads if device == "cpu" else (1,)
+    runs: Runs = {name: {n: [] for n in threads} for name in contestants}
+    for repeat in range(1 + config.repeats):
+        for n in threads:
+            for name, run in contestants.items():
+                done = run(n)
+                if repeat:
+                    runs[name][n].append(done)
+    return runs
+
+
+def table_rows(pixels: int, rays: int, runs: Runs) -> list[dict[str, Any]]:
+    """A row per number of threads; ratios are medians of those inside one turn."""
+    ours, copy, embree = runs["ours"], runs["copy"], runs.get("embree")
+    least, rows = min(ours), []
+    for n in ours:
+        seconds, core_seconds = (float(np.median(column)) for column in zip(*ours[n], strict=True))
+        rows.append({
+            "threads": n, "seconds": seconds, "pixels_per_second": pixels / seconds, "rays_per_second": rays / seconds,
+            "rays_per_core_second": rays / core_seconds,
+            "of_embree": ratio(embree[n], ours[n], 0) if embree else None,
+            "of_embree_cpu": ratio(embree[n], ours[n], 1) if embree else None,
+            "speed_up": ratio(ours[least], ours[n], 0),
+            "embree_speed_up": ratio(embree[least], embree[n], 0) if embree else None,
+            "copy_share": ratio(copy[n], ours[n], 0),
+        })  # fmt: skip
+    return rows
+
+
+def ratio(over: list[Spent], under: list[Spent], which: int) -> float:
+    return float(np.median([a[which] / b[which] for a, b in zip(over, under, strict=True)]))
+
+
+def spent(work: Callable[[], object]) -> Spent:
+    start, cpu = time.perf_counter(), time.process_time()
+    work()
+    return Spent(time.perf_counter() - start, time.process_time() - cpu)
 
 
 def poses(views: int) -> tuple[np.ndarray, np.ndarray]:
     """At random attitudes, 10 radii away."""
     R = Rotation.random(views, random_state=np.random.RandomState(0)).as_matrix()
     return R, np.tile([0.0, 0.0, 10 * RADIUS], (views, 1))
-
-
-def ratio_in_words(row: dict) -> str:
-    return "-" if row["of_embree"] is None else f"{row['of_embree']:.2f}"
 
 
 @dataclass(frozen=True)
@@ -216,13 +281,37 @@ def queries_for_embree(mesh: RayMesh, R: np.ndarray, t: np.ndarray, camera: Came
     )
 
 
-def embree_seconds(scene: "EmbreeScene", queries: Queries) -> float:
-    """Of the processor."""
-    start = time.process_time()
-    scene.run(*queries.pixels, query="INTERSECT")
-    if len(queries.shadows[0]):
-        scene.run(*queries.shadows, query="OCCLUDED")
-    return time.process_time() - start
+def embree_seconds(scene: "EmbreeScene", queries: Queries, threads: int) -> Spent:
+    """All rays on so many threads; the binding lets go of the interpreter's lock while it casts."""
+
+    def run(query: str, origins: np.ndarray, directions: np.ndarray) -> None:
+        on_threads(lambda *rays: scene.run(*rays, query=query), (origins, directions), threads)
+
+    def cast() -> None:
+        run("INTERSECT", *queries.pixels)
+        if len(queries.shadows[0]):
+            run("OCCLUDED", *queries.shadows)
+
+    return spent(cast)
+
+
+def copy_seconds(source: np.ndarray, target: np.ndarray, threads: int) -> Spent:
+    return spent(lambda: on_threads(lambda a, b: np.copyto(b, a), (source, target), threads))
+
+
+def on_threads(work: Callable[..., object], arrays: tuple[np.ndarray, ...], threads: int) -> None:
+    """Calls `work` on pieces of the arrays; on one thread on all of them, as `launch_in_chunks` does."""
+    if threads == 1:
+        work(*arrays)
+        return
+    pieces = zip(*(np.array_split(array, PIECES * threads) for array in arrays), strict=True)
+    for done in [_pool(threads).submit(work, *piece) for piece in pieces]:
+        done.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads)
 
 
 def hits_differ(scene: "EmbreeScene", queries: Queries, shapes: ApparentShapes) -> float:

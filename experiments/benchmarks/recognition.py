@@ -4,8 +4,9 @@
 
 A process is fresh but for what earlier ones left in the caches of JAX and Warp. Warm: the median over `repeats` of
 every scene, by the clock and by the processors' time, which says more on a machine that does other things too. A
-stage's time is without that of the stages it calls. Peers' csv files (`peers.recognise`) give their seconds for the
-same scenes. Prints a table and writes recognition.json.
+stage's time is without that of the stages it calls. Peers' csv files (`peers.recognise`) give their seconds by the
+clock for the same scenes, the JSON files beside them those of the processors; each is held against ours of its kind.
+Prints a table and writes recognition.json.
 """
 
 import json
@@ -43,6 +44,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "what is left over": ((recognition, "left_over"),),
     "deviations, paths": ((recognition, "detections_of"),),
 }
+KINDS = {"wall_s": "s by the clock", "cpu_s": "s of the processors"}
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def main(config: Config) -> None:
     fresh = seconds_of_fresh_process(config) if config.fresh else None
     forest = prepare_forest([load_tree(path) for path in config.trees])
     rows = [measured(forest, load_scene(folder), config.repeats) for folder in config.scenes]
-    peers = {path.stem: peers_seconds(path, [row["scene"] for row in rows]) for path in config.peers}
+    peers = {path.stem: peers_seconds(path) for path in config.peers}
     result = {"cores": os.cpu_count(), "fresh_process_s": fresh, "scenes": rows, "peers_s": peers}
     config.out.mkdir(parents=True, exist_ok=True)
     (config.out / "recognition.json").write_text(json.dumps(result, indent=1) + "\n")
@@ -133,11 +135,23 @@ def seconds_of_fresh_process(config: Config) -> float:
     return time.perf_counter() - start
 
 
-def peers_seconds(path: Path, scenes: list[int]) -> dict[int, float]:
-    """The seconds that a peer's csv states for each scene."""
+def peers_seconds(path: Path) -> dict[str, dict[int, float]]:
+    """What a peer took for each scene: by the clock as its csv states it, of the processors by the JSON beside it."""
     results = read_bop_csv(path)
-    stated = dict(zip(results.scene_id.tolist(), results.time.tolist(), strict=True))
-    return {scene: stated[scene] for scene in scenes if scene in stated}
+    clock = {k: s for k, s in zip(results.scene_id.tolist(), results.time.tolist(), strict=True) if s >= 0}
+    beside = path.with_suffix(".json")
+    told = json.loads(beside.read_text())["scene_cpu_s"] if beside.is_file() else {}
+    return {"wall_s": clock, "cpu_s": {int(scene): s for scene, s in told.items()}}
+
+
+def peer_line(name: str, kind: str, seconds: dict[int, float], rows: list[dict[str, Any]]) -> str:
+    """Against ours of the same kind, on the scenes that both have done."""
+    both = [row for row in rows if row["scene"] in seconds]
+    if not both:
+        return f"{name}: no {KINDS[kind]} of these scenes"
+    ratio = median(seconds[row["scene"]] / row[kind] for row in both)
+    theirs = median(seconds[row["scene"]] for row in both)
+    return f"{name}: {theirs:.2f} {KINDS[kind]} on {len(both)} scenes, {ratio:.1f} times as long"
 
 
 def table(result: dict[str, Any]) -> str:
@@ -153,10 +167,10 @@ def table(result: dict[str, Any]) -> str:
     spent = {name: median(row["stages_cpu_s"][name] for row in rows) for name in STAGES}
     spent["everything else"] = max(0.0, cpu - sum(spent.values()))
     lines += [f"| {name} | {s:.3f} | {100 * s / cpu:.0f} % |" for name, s in spent.items()]
-    for name, seconds in result["peers_s"].items():
-        ours = [row["cpu_s"] for row in rows if row["scene"] in seconds]
-        ratio = median(seconds[row["scene"]] / row["cpu_s"] for row in rows if row["scene"] in seconds)
-        lines.append(f"\n{name}: {median(seconds.values()):.2f} s on {len(ours)} scenes, {ratio:.1f} times as long")
+    lines += [
+        "\n" + peer_line(name, kind, seconds, rows)
+        for name, kinds in result["peers_s"].items() for kind, seconds in kinds.items()
+    ]  # fmt: skip
     return "\n".join(lines)
 
 

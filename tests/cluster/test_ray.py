@@ -33,6 +33,12 @@ def files_of(folder):
     return {p.name: p.read_bytes() for p in sorted(folder.iterdir()) if p.is_file()}
 
 
+def results_of(folder):
+    """All files but the records, which tell seconds."""
+    every = (p for p in sorted(folder.rglob("*")) if p.is_file() and p.parent.name != "units")
+    return {str(p.relative_to(folder)): p.read_bytes() for p in every}
+
+
 def quiet(what, share):
     pass
 
@@ -98,6 +104,69 @@ def test_a_killed_worker_loses_nothing(two_workers, tmp_path):
     done_by = [one.record["pid"] for one in ran.done]
     assert pids[0] not in done_by
     assert done_by[1] == pids[1]
+
+
+def compiling_and_recognising(told):
+    """The product's own work, its trees of few draws; who compiles tells its process amid it and waits to be killed."""
+
+    def work(task):
+        from functools import partial
+        from importlib import import_module
+        from unittest.mock import patch
+
+        from itree_jax.cli.compile_catalogue import CompileTask, compile_part
+        from itree_jax.cli.recognize_dataset import recognize_folder
+
+        def report(what, share):
+            if what == "casting view x roll" and not (told / "killed").exists():
+                (told / "writing").write_text(str(os.getpid()))
+                os.replace(told / "writing", told / "pid")
+                while not (told / "killed").exists():
+                    time.sleep(0.02)
+
+        if not isinstance(task, CompileTask):
+            return recognize_folder(task)
+        module = import_module("itree_jax.compile")
+        with patch.object(module, "compile_tree", partial(module.compile_tree, draws=4, report=report)):
+            return compile_part(task)
+
+    return work
+
+
+def test_a_tree_and_scenes_come_out_the_same_though_a_worker_is_killed(two_workers, paper_tree_file, tmp_path):
+    from soak import bins, small_sensor
+
+    from itree_jax.cli.compile_catalogue import Options, compile_units
+    from itree_jax.cli.recognize_dataset import scene_units
+    from itree_jax.sensing.scene_writer import write_scene
+
+    told = tmp_path / "told"
+    told.mkdir()
+    for number, scene in enumerate(bins(2, seed=0), start=1):
+        write_scene(tmp_path / "scenes" / f"{number:06d}", scene)
+    units = [
+        *compile_units(["bundled:plate"], small_sensor(), Options()),
+        *scene_units(tmp_path / "scenes", [paper_tree_file], "file"),
+    ]
+    work, pids = compiling_and_recognising(told), []
+
+    def kill_the_compiling():
+        if appears(told / "pid"):
+            pids.append(int((told / "pid").read_text()))
+            os.kill(pids[0], signal.SIGKILL)
+        (told / "killed").write_text("")
+
+    killer = threading.Thread(target=kill_the_compiling)
+    killer.start()
+    there = run_units(units, work, tmp_path / "there", two_workers, quiet)
+    killer.join()
+    here = run_units(units, work, tmp_path / "here", ThisMachine(), quiet)
+    assert len(pids) == 1
+    assert there.failures == here.failures == {}
+    found = results_of(tmp_path / "there")
+    assert sorted(found) == ["plate.tree", "scenes/000001.json", "scenes/000002.json"]
+    assert b'"score"' in found["scenes/000001.json"]
+    assert found == results_of(tmp_path / "here")
 
 
 def test_a_unit_that_kills_every_worker_is_told_and_the_others_go_on(two_workers, tmp_path):

@@ -9,6 +9,7 @@ from soaking.digest import digest
 
 from itree_jax.prepared import prepare, prepare_forest
 from itree_jax.recognition import recognize_one
+from itree_jax.region_measures import REGION_BATCH
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -47,3 +48,22 @@ def test_nothing_is_compiled_after_the_first_pass_and_answers_repeat_to_the_bit(
         assert answers([1, 0]) == [other, first]  # neither follows what it followed before
     assert count.total == 0, count
     assert memory_mb() > 100.0
+
+
+def test_other_scenes_compile_nothing_after_one(paper_tree):
+    """Other seeds, other numbers of parts, and so many regions that they don't fit the warm-up's batch."""
+    forest = prepare_forest([prepare(paper_tree)])
+    warm_up, *others = [
+        s for seed, parts, scenes in ((0, 3, 1), (1, 2, 1), (2, 1, 2), (3, 3, 1), (4, 4, 1))
+        for s in bins(scenes, seed, parts)
+    ]  # fmt: skip
+
+    def regions(s) -> int:
+        found = recognize_one(forest, s.images, s.sensor, s.depth, s.R_w2c)
+        return int(found.labels.max()) + 1
+
+    assert regions(warm_up) <= REGION_BATCH
+    with counted() as count:
+        seen = [regions(s) for s in others]
+    assert min(seen) < REGION_BATCH < max(seen)
+    assert count.total == 0, (count, seen)

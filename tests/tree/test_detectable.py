@@ -1,5 +1,7 @@
 """Detectable areas and regions in closed form."""
 
+import weakref
+
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
@@ -8,7 +10,7 @@ from itree_kernels.mesh import ray_mesh
 from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.tree import detectable as module
 from itree_jax.tree.detectable import count_regions, detectable, part_camera, section_direction
-from itree_jax.tree.dome import camera_rotation
+from itree_jax.tree.dome import camera_rotation, dome
 
 
 def test_a_face_seen_head_on_shows_its_area_and_a_slanted_one_its_cosine() -> None:
@@ -36,6 +38,31 @@ def test_the_views_do_not_depend_on_how_many_are_cast_at_once(monkeypatch: pytes
     np.testing.assert_array_equal(together.face_area, one_by_one.face_area)
     np.testing.assert_array_equal(together.region_count, one_by_one.region_count)
     assert steps == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize("views", [20, 80])
+def test_what_is_held_at_once_is_bounded_whatever_the_number_of_views(
+    views: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The maps of a launch and those of the one before: no more are alive at any time."""
+    part, sensor = bundled_part("plate"), bundled_sensor("ikeuchi-1987")
+    camera = part_camera(part, sensor)
+    cast, held, launched, alive = module.cast_apparent_shapes, [], [], []
+
+    def watched(mesh, R_cam_obj, *rest):
+        shapes = cast(mesh, R_cam_obj, *rest)
+        held.append(weakref.ref(shapes))
+        launched.append(len(R_cam_obj))
+        alive.append(sum(one() is not None for one in held))
+        return shapes
+
+    monkeypatch.setattr(module, "PIXELS_AT_ONCE", 4 * camera.width * camera.height)
+    monkeypatch.setattr(module, "cast_apparent_shapes", watched)
+    mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
+    seen = detectable(mesh, part, sensor, camera_rotation(dome(2).directions[:views]))
+    assert launched == [4] * (views // 4)
+    assert max(alive) == 2
+    assert len(seen.face_area) == views
 
 
 def test_the_camera_holds_the_part_in_any_attitude() -> None:
