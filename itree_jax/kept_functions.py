@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from functools import cache, update_wrapper
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
 from typing import Any, Generic, TypeVar, cast, get_args, get_type_hints
 
 import itree_cad
@@ -52,6 +53,7 @@ class KeptFunction(Generic[R]):
         self._signature = inspect.signature(function)
         self._jitted = jax.jit(function, static_argnames=static)
         self._programs: dict[str, Callable[..., Any]] = {}
+        self._making = Lock()  # threads that ask for the same at once wait for the first to trace and compile it
 
     def __call__(self, *args: Any, **kwargs: Any) -> R:
         folder = programs_folder()
@@ -63,16 +65,20 @@ class KeptFunction(Generic[R]):
         if not all(map(_is_plain, leaves)):
             return self._jitted(*args, **kwargs)
         asked = f"{self.__module__}.{self._name} {fixed!r} {structure} {[_kind(leaf) for leaf in leaves]}"
-        program = self._programs.get(asked)
-        if program is None:
+        if asked in self._programs:
+            return self._programs[asked](*leaves)
 
-            def of_leaves(*flat: Any) -> Any:
-                named: Any = structure.unflatten(flat) | fixed
-                return self._function(**named)
+        def of_leaves(*flat: Any) -> Any:
+            named: Any = structure.unflatten(flat) | fixed
+            return self._function(**named)
 
-            name = f"{self._name}-{_key(asked)}{SUFFIX}"
-            program = self._programs[asked] = self._program(folder / name, of_leaves, leaves)
-        return program(*leaves)
+        with self._making:
+            if asked in self._programs:
+                return self._programs[asked](*leaves)
+            program = self._program(folder / f"{self._name}-{_key(asked)}{SUFFIX}", of_leaves, leaves)
+            found = program(*leaves)  # compiles it
+            self._programs[asked] = program
+        return found
 
     def _program(self, path: Path, of_leaves: Callable[..., Any], leaves: list[Any]) -> Callable[..., Any]:
         """The program in a file, or the one traced now and put there."""

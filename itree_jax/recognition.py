@@ -91,8 +91,8 @@ def recognize(
     as it does alone, to the bit.
 
     Raises:
-        ItreeError: shapes or numbers don't fit the sensor, `picks` is no number of poses, a tree was compiled for another
-            sensor (see `check_sensor`), or the trees make no forest (see `compile_forest`).
+        ItreeError: shapes or numbers don't fit the sensor, `picks` is no number of poses, a tree was compiled for
+            another sensor (see `check_sensor`), or the trees make no forest (see `compile_forest`).
     """
     forest = as_forest(trees)
     images = np.asarray(images, np.float32)
@@ -106,12 +106,12 @@ def recognize(
     if images.ndim == 4:
         depths = [None] * len(images) if depth is None else depth
         seconds = second if isinstance(second, Sequence) else [second] * len(images)
-        first, *rest = zip(images, depths, seconds, strict=True)
+        scenes = zip(images, depths, seconds, strict=True)
 
         def one(scene: tuple[np.ndarray, np.ndarray | None, SecondCamera | None]) -> Detections:
             return recognize_one(forest, scene[0], sensor, scene[1], R_w2c, scene[2], picks)
 
-        return [one(first), *on_all_cores(one, rest)]  # the first alone: nothing is compiled twice
+        return on_all_cores(one, scenes)
     second = second[0] if isinstance(second, Sequence) else second
     return recognize_one(forest, images, sensor, depth, R_w2c, second, picks)
 

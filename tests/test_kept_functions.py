@@ -1,6 +1,8 @@
 """Programs kept on disk: nothing is traced again, and nothing differs from the plain jitted function."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import sleep
 from typing import NamedTuple
 
 import jax
@@ -63,6 +65,21 @@ def test_a_fresh_process_traces_nothing(folder: Path) -> None:
     again(x)
     again(2 * x)
     assert len(traced) == 2
+
+
+def test_threads_that_ask_at_once_trace_once(folder: Path) -> None:
+    """The others wait for the first; unless they did, they would all be tracing while it sleeps."""
+
+    def slow(x: Float[Array, "n"]) -> Float[Array, "n"]:
+        traced.append("slow")
+        sleep(0.3)
+        return 2.0 * x
+
+    function, x = kept()(slow), np.ones(3, np.float32)
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: np.asarray(function(x)), range(3)))
+    assert traced == ["slow"]
+    np.testing.assert_array_equal(found, np.full((3, 3), 2.0))
 
 
 @pytest.mark.parametrize(
