@@ -3,6 +3,7 @@
 import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 BRIGHTEST = 2.0  # of full scale: what a lens correction may make of 1.0; counts of a converter are far beyond
 ROTATION_TOLERANCE = 1e-3  # of R R^T against I: printed with four digits
@@ -28,6 +29,17 @@ def check_numbers(
         R = np.asarray(R_w2c)
         if not _is_rotation(R):
             raise ItreeError(f"R_w2c is not a rotation matrix: {R.tolist()}")
+
+
+def as_floats(name: str, values: ArrayLike) -> Float[np.ndarray, "*shape"]:
+    """The values as float32. Raises ItreeError where they are no real numbers, or not as many in every row."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise ItreeError(f"{name}: rows have different lengths; give one array of numbers") from None
+    if array.dtype.kind not in "fiub":
+        raise ItreeError(f"{name}: {array.dtype} is no type of real numbers; give one array of numbers")
+    return array.astype(np.float32, copy=False)
 
 
 def check_picks(picks: int | None) -> None:

@@ -26,7 +26,7 @@ from itree_jax.backtracking import (
 from itree_jax.challenge import challenged
 from itree_jax.competition import compete, select
 from itree_jax.detections import TOO_DARK, Detections, place_of
-from itree_jax.input_check import check_numbers, check_picks
+from itree_jax.input_check import as_floats, check_numbers, check_picks
 from itree_jax.narrowing import judge, narrow
 from itree_jax.open_places import every_attitude, open_places
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
@@ -95,7 +95,8 @@ def recognize(
             another sensor (see `check_sensor`), or the trees make no forest (see `compile_forest`).
     """
     forest = as_forest(trees)
-    images = np.asarray(images, np.float32)
+    images = as_floats("images", images)
+    depth = None if depth is None else as_floats("the depth map", depth)
     _check_shapes(images, depth, sensor)
     check_numbers(images, depth, R_w2c)
     check_picks(picks)

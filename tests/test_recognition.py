@@ -240,6 +240,15 @@ def test_shapes_that_do_not_fit_the_sensor_are_refused(prepared, cases, sensor):
             recognize(prepared, given, sensor, z)
 
 
+@pytest.mark.parametrize("given", ["images", [[1.0], [1.0, 2.0]], np.ones((3, 240, 320), complex), [None]])
+def test_what_is_no_array_of_real_numbers_is_refused(prepared, cases, sensor, given):
+    """As images and as a depth map."""
+    with pytest.raises(ItreeError, match=r"images: .* give one array of numbers"):
+        recognize(prepared, given, sensor)
+    with pytest.raises(ItreeError, match=r"the depth map: .* give one array of numbers"):
+        recognize(prepared, cases[0].scene.images, sensor, given)
+
+
 def test_two_lights_are_too_few(prepared, cases, sensor):
     """Also when the sensor has no more."""
     two = replace(sensor, light_directions=sensor.light_directions[:2], light_intensities=sensor.light_intensities[:2])
