@@ -39,6 +39,7 @@ from itree_jax.refinement.hypotheses import (
     place,
 )
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.scoring import SCORINGS
 from itree_jax.refinement.verify import visible_centres
 from itree_jax.region_measures import Measured, features_of, measure_regions
 from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
@@ -141,6 +142,8 @@ def recognize_one(
     forest = as_forest(trees)
     start = time.perf_counter()
     answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second, picks)
+    least = SCORINGS[sight.kind].least_pose
+    answers = [replace(answer, selection=answer.selection.from_score(least)) for answer in answers]
     return detections_of(answers, forest, sight, time.perf_counter() - start)
 
 

@@ -23,6 +23,7 @@ NO_RIVAL = 500.0  # [nats]: who is beaten by more has no share that a float can 
 # diameter: with 0.3 mm of noise and a part of 60 mm it is in the face's plane, to the tolerance, at 5 % by chance.
 MOST_FLUSH = 0.1
 LEAST_SHARE = 0.1  # of the belief in its place: a pose that is beaten by more than nine to one is no answer
+HARDLY_TOLD = "another pose of its place is nearly as likely"
 ROUNDS = 3  # of selecting again without the poses that the others made unlikely
 
 
@@ -94,6 +95,17 @@ class Selection:
     # of each accepted one: other poses of its place that no other answer excludes and that it beats by less than
     # `NO_RIVAL`, and by how much [nats]
     rivals: tuple[Rivals, ...]
+
+    def from_score(self, least: float) -> "Selection":
+        """Without accepted poses that are less probable than this."""
+        stays = self.score[self.accepted] >= least
+        left_out = set(self.accepted[~stays].tolist())
+        return Selection(
+            self.accepted[stays], self.score,
+            tuple(HARDLY_TOLD if h in left_out else reason for h, reason in enumerate(self.reason)),
+            Measures(*(np.asarray(values)[stays] for values in self.measures)),
+            tuple(rivals for rivals, stay in zip(self.rivals, stays, strict=True) if stay),
+        )
 
 
 def select_jointly(

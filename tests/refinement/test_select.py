@@ -68,6 +68,21 @@ def test_what_is_no_answer_takes_no_belief_from_one():
     assert found.rivals[0][0].tolist() == []
 
 
+def test_poses_that_are_hardly_told_from_a_rival_may_be_left_out():
+    """Two poses of one place, alike, and one of another place: the doubtful one goes, with all that was said of it."""
+    masks = [block(slice(0, 20)), block(slice(0, 20)), block(slice(20, 40))]
+    near = np.zeros((3, 3), bool)
+    near[0, 1] = near[1, 0] = True
+    found = chosen(judged(masks, [GOOD, GOOD, GOOD], near=near))
+    doubtful, sure = sorted(found.accepted.tolist(), key=lambda h: found.score[h])
+    left = found.from_score(float(found.score[doubtful] + found.score[sure]) / 2.0)
+    assert left.accepted.tolist() == [sure]
+    assert left.reason[doubtful] == "another pose of its place is nearly as likely"
+    assert (left.reason[sure], len(left.rivals), left.measures.size.shape) == ("", 1, (1,))
+    whole = found.from_score(0.0)
+    assert (whole.accepted.tolist(), whole.reason, len(whole.rivals)) == (found.accepted.tolist(), found.reason, 2)
+
+
 def test_pixels_are_weighed_beside_contours():
     """One pose explains its pixels better, the other one its contour: the weight of a pixel decides."""
     two = judged([block(), block()], [GOOD, FAIR])
