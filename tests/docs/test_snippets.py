@@ -42,10 +42,11 @@ def done_once() -> Any:
             trees[key] = compile_tree(part, sensor, **options)
         return trees[key]
 
-    def recognize_once(forest, images, sensor, depth, R_w2c=None, second=None):
-        key = (np.asarray(images).tobytes(), None if depth is None else np.asarray(depth).tobytes(), second is None)
+    def recognize_once(forest, images, sensor, depth, R_w2c=None, second=None, picks=None):
+        seen = np.asarray(images).tobytes(), None if depth is None else np.asarray(depth).tobytes()
+        key = (*seen, second is None, picks)
         if key not in answers:
-            answers[key] = recognize_one(forest, images, sensor, depth, R_w2c, second)
+            answers[key] = recognize_one(forest, images, sensor, depth, R_w2c, second, picks)
         return answers[key]
 
     with pytest.MonkeyPatch.context() as patch:
