@@ -46,7 +46,7 @@ def recognised(monkeypatch):
     """Recognition that answers at once: one part, at the centre of the image. Gives how often it was asked."""
     asked = []
 
-    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None):
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None, picks=None):
         asked.append(images.shape)
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.1 + 0.2, np.eye(3), np.array([0.1, 1e-17, 900.0]))
         return Detections((one,), time=2.0)

@@ -16,7 +16,7 @@ from itree_jax.simulate.bin import camera_above
 def true_answers(monkeypatch):
     """Recognition that answers with the true poses of the demo's bin."""
 
-    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None):
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None, picks=None):
         T = camera_above(sensor) @ bundled_poses().T_bin_obj
         found = tuple(
             Detection(0, 0, prepared[0].tree.obj_id, 0.9, one[:3, :3], one[:3, 3], offer_rank=k)

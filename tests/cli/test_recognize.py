@@ -40,7 +40,7 @@ def answers(monkeypatch):
     """Recognition that answers at once: one part, at the centre of the image."""
     seen = []
 
-    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None):
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None, picks=None):
         seen.append((prepared, images.shape, sensor))
         one = Detection(0, 0, prepared[0].tree.obj_id, 0.5, np.eye(3), np.array([0.0, 0.0, 900.0]))
         return Detections((one,), time=2.0, labels=np.zeros((480, 640), np.int32))

@@ -35,7 +35,7 @@ sys.exit(main(sys.argv[1:]))
 SECONDS = re.compile(r'(?<="time": )[\d.]+|(?<=,)[\d.]+$|[\d.]+ s\b|data-time="[-\d.]+"', re.MULTILINE)
 
 
-def stand_in(prepared, images, sensor, depth, R_w2c, second=None):
+def stand_in(prepared, images, sensor, depth, R_w2c, second=None, picks=None):
     """One part whose place depends on the images."""
     rng = np.random.default_rng(int(1e6 * float(images.mean())))
     t = np.array([0.0, 0.0, 880.0]) + rng.normal(0.0, 5.0, 3)
