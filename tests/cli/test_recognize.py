@@ -49,6 +49,20 @@ def answers(monkeypatch):
     return seen
 
 
+def test_picks_are_handed_on(itree, scenes, paper_tree_file, tmp_path, monkeypatch):
+    """All regions are read where none are asked for."""
+    asked = []
+
+    def recognize_one(prepared, images, sensor, depth, R_w2c, second=None, picks=None):
+        asked.append(picks)
+        return Detections((), time=1.0, labels=np.zeros((480, 640), np.int32))
+
+    monkeypatch.setattr(import_module("itree_jax.recognition"), "recognize_one", recognize_one)
+    for words in (["--picks", "2"], []):
+        assert itree("recognize", scenes, paper_tree_file, "-o", tmp_path / "r.csv", *words).code == 0
+    assert asked == [2, 2, None, None]
+
+
 @pytest.fixture(scope="module")
 def recognised(bin_dataset, paper_tree_file, tmp_path_factory):
     """The whole verb in a process of its own, with a page per scene."""
