@@ -99,6 +99,7 @@ def no_verification() -> Iterator[None]:
     with ExitStack() as stack:
         stack.enter_context(patch.object(recognition, "select", lambda judged, _, given, __: taken(judged, given)))
         stack.enter_context(patch.object(competition, "selections", of_all))
+        stack.enter_context(patch.object(Selection, "from_score", lambda selection, least: selection))
         stack.enter_context(no_backtracking())
         stack.enter_context(no_challenge())
         yield

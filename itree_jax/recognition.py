@@ -144,7 +144,7 @@ def recognize_one(
     answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second, picks)
     least = SCORINGS[sight.kind].least_pose
     answers = [replace(answer, selection=answer.selection.from_score(least)) for answer in answers]
-    return detections_of(answers, forest, sight, time.perf_counter() - start)
+    return detections_of(answers, forest, sight, time.perf_counter() - start, partly=picks is not None)
 
 
 def read_scene(
@@ -261,9 +261,12 @@ def search_deeper(
     return answers
 
 
-def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float) -> Detections:
+def detections_of(
+    answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float, partly: bool
+) -> Detections:
     """The accepted poses, and the regions without one. Regions of a second reading are counted after the first's; those
-    of a pose that was accepted already, but not surely, are not without one.
+    of a pose that was accepted already, but not surely, are not without one. `partly`: a single reading may have left
+    out regions, as picks were enough.
     """
     readings = list({id(a.found): a.found for a in answers}.values()) or [sight.found]
     labels, first = readings[0].labels.copy(), 0
@@ -286,7 +289,8 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
             if number not in there or number in recognised:
                 continue
             if found is readings[0] or answered[labels == number].mean() <= MOSTLY:
-                not_read = unread_because(forest, of_reading, r) if bright[r] else TOO_DARK
+                left_out = partly and len(readings) == 1
+                not_read = unread_because(forest, of_reading, r, left_out) if bright[r] else TOO_DARK
                 reason = best_reason(of_reading, r) or not_read
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
@@ -296,13 +300,13 @@ def detections_of(answers: list[Interpretation], forest: PreparedForest, sight: 
     )
 
 
-def unread_because(forest: PreparedForest, answers: list[Interpretation], region: int) -> str:
-    """Why no tree made anything of a bright region. `answers`: of one reading."""
+def unread_because(forest: PreparedForest, answers: list[Interpretation], region: int, partly: bool) -> str:
+    """Why no tree made anything of a bright region. `answers`: of one reading; `partly`: it may have stopped before."""
     if not any(a.said.left[region].any() for a in answers):
         return NO_PART
     found, left = answers[0].found, answers[0].said.left[region]
     large = (large_enough(found, one, FIRST.least)[region] for one, may in zip(forest.trees, left, strict=True) if may)
-    return NOT_READ if any(large) and not any(region in a.asked for a in answers) else TOO_SMALL
+    return NOT_READ if partly and any(large) and not any(region in a.asked for a in answers) else TOO_SMALL
 
 
 def interpret(

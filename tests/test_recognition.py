@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -163,6 +164,19 @@ def test_one_pick_leaves_lower_regions_unread(monkeypatch, paper_tree, prepared,
     unread = [entry for entry in found.not_recognised if entry["reason"] == recognition.NOT_READ]
     assert max(entry["height_mm"] for entry in unread) <= found[0].height
     assert all(entry["reason"] != recognition.NOT_READ for entry in answers[0].not_recognised)
+
+
+def test_a_region_without_an_attitude_says_why():
+    """A deeper reading leaves out smaller regions than the first: only where picks were enough is one unread."""
+    found = SimpleNamespace(area_mm2=np.array([20.0, 20.0, 20.0, 1.0]))
+    forest = SimpleNamespace(trees=[SimpleNamespace(usual_area=100.0)])
+    left = np.array([[True], [False], [True], [True]])
+    one = SimpleNamespace(found=found, said=SimpleNamespace(left=left), asked=np.array([2]))
+    small, none = recognition.TOO_SMALL, recognition.NO_PART
+    for partly, first in ((False, small), (True, recognition.NOT_READ)):
+        said = [recognition.unread_because(forest, [one], region, partly) for region in range(4)]
+        assert said == [first, none, small, small]
+    assert recognition.unread_because(forest, [], 0, partly=True) == none
 
 
 def test_picks_that_are_not_there_have_every_region_read(prepared, cases, answers):
