@@ -25,7 +25,7 @@ from evaluate_scenes import run, scenes_of_parts
 from quality.comparison import compare_configurations
 from true_scenes import prepared_scenes
 
-from itree_jax import competition, narrowing, recognition, settling
+from itree_jax import challenge, competition, interpreting, narrowing, recognition, settling
 from itree_jax.answers import Interpretation
 from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.refinement.hypotheses import RegionHypotheses
@@ -70,7 +70,7 @@ def no_refinement() -> Iterator[None]:
 def no_challenge() -> Iterator[None]:
     """Accepted poses meet no turned ones, and are not polished."""
     with (
-        patch.object(recognition, "challenged", lambda answer, sight: answer),
+        patch.object(interpreting, "challenged", lambda answer, sight: answer),
         patch.object(recognition, "settled", lambda answers, sight: answers),
     ):
         yield
@@ -97,7 +97,8 @@ def no_verification() -> Iterator[None]:
         return [taken(a.judged, a.hypotheses) for a in answers]
 
     with ExitStack() as stack:
-        stack.enter_context(patch.object(recognition, "select", lambda judged, _, given, __: taken(judged, given)))
+        for module in (interpreting, challenge):
+            stack.enter_context(patch.object(module, "select", lambda judged, _, given, __: taken(judged, given)))
         stack.enter_context(patch.object(competition, "selections", of_all))
         stack.enter_context(patch.object(Selection, "from_score", lambda selection, least: selection))
         stack.enter_context(no_backtracking())

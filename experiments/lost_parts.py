@@ -10,7 +10,7 @@ A region is a trace if most of it lies on the part; a hypothesis, if refinement 
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
@@ -20,7 +20,7 @@ from quality.comparison import markdown_table
 from quality.near_poses import errors_below
 from true_scenes import TrueScene, bins_parser, true_scenes
 
-from itree_jax import recognition
+from itree_jax import interpreting
 from itree_jax.answers import Interpretation, pose_matrix
 from itree_jax.cli.scene_answer import load_with_trees, with_depth_from
 from itree_jax.evaluation.pose_errors import Pose
@@ -75,13 +75,14 @@ def fates_of_scene(one: TrueScene, depth: str) -> list[Fate]:
     scene, _ = load_with_trees(one.folder, [prepared])
     scene, second = with_depth_from(depth, scene, prepared.tree.sensor)
     starts: list[RegionHypotheses] = []
-    narrow = recognition.narrow
+    first = "narrow_and_judge" if depth == "file" else "narrow"  # without a depth map poses are narrowed twice
+    narrow = getattr(interpreting, first)
 
-    def followed(hypotheses: RegionHypotheses, *rest) -> RegionHypotheses:
+    def followed(hypotheses: RegionHypotheses, *rest) -> Any:
         starts.append(hypotheses)
         return narrow(hypotheses, *rest)
 
-    with patch.object(recognition, "narrow", followed):
+    with patch.object(interpreting, first, followed):
         answers, sight = read_scene(
             prepare_forest([prepared]), scene.images, scene.sensor, scene.depth, scene.R_w2c, second
         )

@@ -1,6 +1,6 @@
 """From accepted hypotheses to answers: poses with their deviations, equivalents, counts and decision paths."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,9 +43,18 @@ class Interpretation:
     classification: Classification
     hypotheses: RegionHypotheses  # refined; those that reached the last verification
     judged: Judged
-    selection: Selection
+    select: Callable[[], Selection]  # once it is asked for: what competes anew at once is not
     found: Regions  # that hypotheses count by
     said: RootAnswer  # of these regions
+
+    @property
+    def selection(self) -> Selection:
+        """Which hypotheses are accepted, and why each of the others is not."""
+        return self.select()
+
+    def selected(self, selection: Selection) -> "Interpretation":
+        """The same hypotheses, of which others are accepted."""
+        return replace(self, select=lambda: selection)
 
     def row_of(self, region: int) -> int:
         """Of a region that was asked for."""

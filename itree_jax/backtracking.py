@@ -44,8 +44,8 @@ class Beam:
 
 # Of the regions that have an attitude within reach of refinement at all, 71 % have it in the first three quarters of
 # the mass, a quarter of the attitudes that hold 99 % (experiments/hypothesis_ranks.py); most parts show two regions.
-FIRST = Beam(0.75, (24, 8, 3, 2, 2), whole_dome=False, least=0.15)
-DEEP = Beam(0.99, (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
+FIRST = Beam(0.75, (32, 12, 4, 2, 2), whole_dome=False, least=0.15)
+DEEP = Beam(0.99, (64, 20, 5, 2, 2), whole_dome=True, least=0.25)
 
 
 def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:

@@ -1,13 +1,14 @@
 """Accepted poses are challenged by those that they are easily mistaken for: turned about the part's main axes."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from jaxtyping import Int
 
 from itree_jax.answers import Interpretation
 from itree_jax.competition import select
-from itree_jax.narrowing import judge, narrow, rivalry
+from itree_jax.narrowing import judge, narrow, narrow_and_judge, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
@@ -24,6 +25,7 @@ from itree_jax.refinement.verify import verify, visible_centres
 from itree_jax.sensor import Sensor
 from itree_jax.sight import Sight
 
+MOST_ROUGHLY = 10  # turned poses that are looked at finely: of the 23 turns of a cube less than half
 MOST_AS_THEY_ARE = 4  # turned poses that are looked at closer without being moved: a plain block has three
 
 
@@ -35,29 +37,35 @@ def challenged(answer: Interpretation, sight: Sight) -> Interpretation:
         return answer
     prepared, plan = answer.prepared, plan_of(answer, sight)
     poses = answer.hypotheses.take(new)
-    turned = challengers(poses._replace(region=np.arange(len(new))), prepared, sight, plan)
-    turned = turned._replace(region=poses.region[turned.region], challenged=np.zeros(len(turned.region), bool))
+    found = challengers(poses._replace(region=np.arange(len(new))), prepared, sight, plan)
     met = answer.hypotheses.challenged.copy()
     met[new] = True
     first = replace(answer, hypotheses=answer.hypotheses._replace(challenged=met))
-    return with_more(first, turned, judge(turned, prepared, sight, plan), sight)
+    if found is None:
+        return first
+    turned, judged = found
+    turned = turned._replace(region=poses.region[turned.region])
+    return with_more(first, turned, judged, sight)
 
 
 def challengers(
     accepted: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
-) -> RegionHypotheses:
-    """Poses that each accepted pose is easily mistaken for, refined. `region` counts the accepted ones.
+) -> tuple[RegionHypotheses, Judged] | None:
+    """Poses that each accepted pose is easily mistaken for, refined and judged; None if there are none. `region` counts
+    the accepted ones.
 
     They are turned about the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
     is right as it is, and rough rounds would only lead it astray; where it repeats some faces, it has to be moved.
     """
-    turned = turned_about_axes(accepted, prepared.turns)
+    turned = turned_about_axes(accepted, prepared.turns).unmet
     moved = shown_at(accepted, turned, prepared, sight.sensor, plan.turned[0].stage.size)
     moved = narrow(moved, prepared, sight, plan.turned[:-1], plan)
     closest = turned.take(best_as_they_are(turned, prepared, sight, plan))
     closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan, [MOST_AS_THEY_ARE])
     both = others_than(accepted, joined(moved, closest), prepared)
-    return narrow(both, prepared, sight, plan.turned[-1:], plan, [MOST_AS_THEY_ARE]) if len(both.region) else both
+    if not len(both.region):
+        return None
+    return narrow_and_judge(both, prepared, sight, plan.turned[-1:], plan, [MOST_AS_THEY_ARE])
 
 
 def beside_turned(answer: Interpretation, sight: Sight) -> Interpretation:
@@ -70,7 +78,7 @@ def beside_turned(answer: Interpretation, sight: Sight) -> Interpretation:
         return answer
     plan = plan_of(answer, sight)
     poses = answer.hypotheses.take(accepted)._replace(region=np.arange(len(accepted)))
-    turned = turned_about_axes(poses, prepared.turns)
+    turned = turned_about_axes(poses, prepared.turns).unmet
     closest = others_than(poses, turned.take(best_as_they_are(turned, prepared, sight, plan)), prepared)
     closest = closest._replace(region=answer.hypotheses.region[accepted][closest.region])
     return with_more(answer, closest, judge(closest, prepared, sight, plan), sight)
@@ -80,15 +88,19 @@ def best_as_they_are(
     hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> Int[np.ndarray, "kept"]:
     """Indices of the `MOST_AS_THEY_ARE` of every region that agree best without any refinement, fine enough to see the
-    small feature that tells them apart.
+    small feature that tells them apart; of the `MOST_ROUGHLY` that do so in the windows of the first round.
     """
-    verdict, _, _ = verify(
-        hypotheses.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.turned[-1].tolerances,
-        plan.turned[-2].stage.size, plan.jump, sight.others,
-    )
-    return best_of_each_region(
-        agreement(verdict), hypotheses, MOST_AS_THEY_ARE, prepared.symmetries, prepared.model.diameter
-    )
+    symmetries, diameter = prepared.symmetries, prepared.model.diameter
+    first, last = plan.turned[0], replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)
+    kept = np.arange(len(hypotheses.region))
+    for step, model, most in ((first, prepared.rough, MOST_ROUGHLY), (last, prepared.model, MOST_AS_THEY_ARE)):
+        some = hypotheses.take(kept)
+        observed = sight.roughly_held_against if step is first else sight.held_against
+        verdict, _, _ = verify(
+            some.poses, model, observed, sight.sensor.camera, step.tolerances, step.stage.size, plan.jump, sight.others
+        )
+        kept = kept[best_of_each_region(agreement(verdict), some, most, symmetries, diameter)]
+    return kept
 
 
 def others_than(
@@ -111,8 +123,8 @@ def shown_at(
     accepted: RegionHypotheses, turned: RegionHypotheses, prepared: Prepared, sensor: Sensor, size: int
 ) -> RegionHypotheses:
     """The turned poses, moved so that each shows its surface where the accepted pose did that it was turned from."""
-    there = visible_centres(accepted.poses, prepared.model, sensor.camera, size)
-    here = visible_centres(turned.poses, prepared.model, sensor.camera, size)
+    there = visible_centres(accepted.poses, prepared.rough, sensor.camera, size)
+    here = visible_centres(turned.poses, prepared.rough, sensor.camera, size)
     t_cam_obj = turned.poses.t_cam_obj + there[turned.region] - here
     return turned._replace(poses=Hypotheses(turned.poses.R_cam_obj, t_cam_obj))
 
@@ -123,10 +135,19 @@ def with_more(
     """The interpretation with more hypotheses, selected anew."""
     hypotheses = joined(answer.hypotheses, more)
     all_judged = together(answer.judged, judged).with_rivalry(rivalry(hypotheses, answer.prepared))
-    return replace(
-        answer, hypotheses=hypotheses, judged=all_judged,
-        selection=select(all_judged, answer.prepared, hypotheses, sight),
-    )
+    return with_selection(replace(answer, hypotheses=hypotheses, judged=all_judged), sight)
+
+
+def with_selection(answer: Interpretation, sight: Sight) -> Interpretation:
+    """The interpretation, its hypotheses selected as soon as that is asked for, were they alone."""
+    prepared, hypotheses, judged = answer.prepared, answer.hypotheses, answer.judged
+    return replace(answer, select=cache(lambda: select(judged, prepared, hypotheses, sight)))
+
+
+def without(answer: Interpretation, index: Int[np.ndarray, "left_out"]) -> Interpretation:
+    """The interpretation less some hypotheses; `with_more` selects anew."""
+    kept = np.setdiff1d(np.arange(len(answer.hypotheses.region)), index)
+    return replace(answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept))
 
 
 def plan_of(answer: Interpretation, sight: Sight) -> Schedule:

@@ -1,7 +1,6 @@
 """Which poses explain the scene together: hypotheses of one part, of several parts, and of several readings."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from math import dist
 
 import numpy as np
@@ -27,7 +26,7 @@ def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
     if len(answers) < 2:
         return answers
     chosen = selections(answers, sight, SCORINGS[sight.kind])
-    return [replace(a, selection=s) for a, s in zip(answers, chosen, strict=True)]
+    return [a.selected(s) for a, s in zip(answers, chosen, strict=True)]
 
 
 def selections(answers: list[Interpretation], sight: Sight, scoring: Scoring) -> list[Selection]:

@@ -37,7 +37,7 @@ def moved_along_least_told(answer: Interpretation, sight: Sight) -> Interpretati
     ]  # fmt: skip
     found = own.take(np.repeat(own.region, len(moved[0].t_cam_obj)))
     poses = Hypotheses(*(np.concatenate(values).astype(np.float32) for values in zip(*moved, strict=True)))
-    found = found._replace(poses=poses, challenged=np.zeros(len(found.region), bool))
+    found = found.unmet._replace(poses=poses)
     found = others_than(own, narrow(found, prepared, sight, plan.turned[-2:], plan, KEEP), prepared)
     if not len(found.region):
         return answer

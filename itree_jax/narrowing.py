@@ -18,7 +18,7 @@ from itree_jax.refinement.likelihood import support
 from itree_jax.refinement.optimise import refine
 from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged
-from itree_jax.refinement.verify import verify
+from itree_jax.refinement.verify import Verdict, verify
 from itree_jax.sight import Sight
 
 
@@ -28,12 +28,32 @@ def narrow(
 ) -> RegionHypotheses:
     """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan.
 
-    Rough rounds take what the sight has for them.
+    Rough rounds take what the sight has for them, and the rough model.
     """
-    model, symmetries, camera = prepared.model, prepared.symmetries, sight.sensor.camera
+    return _narrowed(hypotheses, prepared, sight, rounds, plan, keep)[0]
+
+
+def narrow_and_judge(
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, rounds: Sequence[Round], plan: Schedule,
+    keep: Sequence[int] | None = None,
+) -> tuple[RegionHypotheses, Judged]:
+    """The same, and the last judgement of what is kept. The last of the `rounds` is the plan's: it has counted already.
+    """
+    hypotheses, verdict = _narrowed(hypotheses, prepared, sight, rounds, plan, keep)
+    return hypotheses, judge(hypotheses, prepared, sight, plan, verdict)
+
+
+def _narrowed(
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, rounds: Sequence[Round], plan: Schedule,
+    keep: Sequence[int] | None,
+) -> tuple[RegionHypotheses, Verdict]:
+    """What is left, and what the last round counted of it."""
+    symmetries, diameter, camera = prepared.symmetries, prepared.model.diameter, sight.sensor.camera
+    verdict = None
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
         observed = sight.roughly_held_against if rough else sight.held_against
+        model = prepared.rough if rough else prepared.model
         poses = refine(
             hypotheses.poses, model, observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
@@ -49,18 +69,25 @@ def narrow(
             pixels = stride**2 / (1.0 + len(sight.others))
             score = rough_share(verdict) * covered(verdict, sight.found.area_px[hypotheses.region] / pixels)
         most = keep[k] if keep else step.keep
-        kept = best_of_each_region(score, hypotheses, most, symmetries, model.diameter)
-        hypotheses = hypotheses.take(kept)
-    return hypotheses
+        kept = best_of_each_region(score, hypotheses, most, symmetries, diameter)
+        hypotheses, verdict = hypotheses.take(kept), verdict.take(kept)
+    if verdict is None:
+        raise ValueError("narrow needs at least one round")
+    return hypotheses, verdict
 
 
-def judge(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> Judged:
-    """The last verification of all hypotheses: counts, and the likelihood of every pixel."""
+def judge(
+    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule, verdict: Verdict | None = None
+) -> Judged:
+    """The last verification of all hypotheses: counts, and the likelihood of every pixel. `verdict`: the counts, if
+    they are known already.
+    """
     model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
-    verdict, _, _ = verify(
-        hypotheses.poses, model, sight.held_against, camera, plan.rounds[-1].tolerances, plan.verify_size, plan.jump,
-        sight.others,
-    )
+    if verdict is None:
+        verdict, _, _ = verify(
+            hypotheses.poses, model, sight.held_against, camera, plan.rounds[-1].tolerances, plan.verify_size,
+            plan.jump, sight.others,
+        )
     weighed = support(
         hypotheses.poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others, crease=sight.crease
     )

@@ -38,7 +38,7 @@ def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
     if prepared.own_axis is None or not len(accepted):
         return answer
     plan = plan_of(answer, sight)
-    poses = answer.hypotheses.take(accepted)._replace(region=np.arange(len(accepted)))
+    poses = answer.hypotheses.take(accepted).unmet._replace(region=np.arange(len(accepted)))
     found = reduce(joined, [
         likeliest_turns(poses.take(np.array([k])), prepared, sight, plan) for k in range(len(accepted))
     ])

@@ -1,10 +1,11 @@
 """Trees made ready for recognition: ray meshes built, arrays where they are used."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
+from itree_cad.decimate import coarser
 from itree_cad.part import Part
 from itree_cad.symmetry import Symmetries
 from itree_kernels.mesh import ray_mesh
@@ -26,6 +27,7 @@ from itree_jax.tree.forest import Forest, compile_forest
 from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
 
+ROUGHNESS = 0.005  # of the diameter that surfaces of the rough model may move: a seventh of the finest rough pixel
 SAME_TURN = 0.03  # of the diameter: turns that differ by less are one
 
 
@@ -40,6 +42,7 @@ class Prepared:
     tree: InterpretationTree
     middle: Float[np.ndarray, "3"]  # of the part's bounding box, object frame [mm]
     model: RefineModel  # about the middle, as all that follows
+    rough: RefineModel  # the same with a fraction of the triangles, for windows of few pixels
     symmetries: Symmetries
     classification: ClassificationArrays
     determination: DeterminationArrays
@@ -93,14 +96,23 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     surface = padded_surface(smooth_surface(mesh))
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter, surface)
+    rough = rough_model(model)
     shown = shown_surface(model, tree.sensor.camera, tree.sensor.working_distance)
     return Prepared(
-        tree, middle, model, symmetries, classification_arrays(tree), determination_arrays(tree),
+        tree, middle, model, rough, symmetries, classification_arrays(tree), determination_arrays(tree),
         window_camera(model.reach)[1], solid(mesh, part.diameter, part.watertight),
         rival_turns(part, symmetries), None if symmetries.continuous else revolved_axis(part),
         distinct_attitudes(part, symmetries),
         shown, dome_points(shown), largest_view(part),
     )
+
+
+def rough_model(model: RefineModel) -> RefineModel:
+    """A coarser mesh in windows of the same size: rough windows cost what triangles they project and walk along."""
+    mesh = model.mesh
+    vertices, triangles = coarser(mesh.vertices, mesh.triangles, ROUGHNESS * model.diameter)
+    few = ray_mesh(vertices, triangles, np.zeros(len(triangles), int))
+    return replace(model, mesh=few, normal_obj=padded_normals(few.triangle_normals), surface=None, rough=True)
 
 
 def largest_view(part: Part) -> float:

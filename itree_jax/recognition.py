@@ -5,65 +5,42 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-import jax
 import numpy as np
 from itree_kernels.errors import ItreeError
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from itree_jax.answers import Interpretation, best_reason, describe
-from itree_jax.at_a_glance import best_at_a_glance
 from itree_jax.backtracking import (
     DEEP,
     FIRST,
-    Beam,
     by_two_lights,
-    count_of_sure,
     explained,
     left_over,
-    likeliest,
     unread,
 )
-from itree_jax.challenge import challenged
-from itree_jax.competition import compete, select
+from itree_jax.challenge import with_selection
+from itree_jax.competition import compete
 from itree_jax.detections import TOO_DARK, Detections, place_of
 from itree_jax.input_check import as_floats, check_numbers, check_picks
-from itree_jax.narrowing import judge, narrow
-from itree_jax.open_places import every_attitude, open_places
+from itree_jax.narrowing import narrow_and_judge
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
+from itree_jax.reading_order import MOSTLY, ask, large_enough, read, read_topmost
 from itree_jax.recognised_reflections import subtract_reflections
 from itree_jax.recognised_response import responses_of_parts
-from itree_jax.refinement.hypotheses import (
-    RegionHypotheses,
-    distinct,
-    joined,
-    place,
-)
-from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.scoring import SCORINGS
-from itree_jax.refinement.verify import visible_centres
-from itree_jax.region_measures import Measured, features_of, measure_regions
-from itree_jax.root_answer import NO_PART, RootAnswer, ask_root
-from itree_jax.sensing.regions import Regions
+from itree_jax.refinement.select import EXPLAINED
+from itree_jax.root_answer import NO_PART
 from itree_jax.sensor import Sensor
 from itree_jax.settling import settled
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.check_sensor import check_sensor
-from itree_jax.tree.classify import classify
-from itree_jax.tree.determination_rules import Candidates
-from itree_jax.tree.determine import determine
-from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree
 
 TOO_SMALL = "it is much smaller than the part's regions"
 NOT_READ = "it was not read: higher ones gave enough sure poses"
-MOSTLY = 0.5  # of a region's pixels
-AT_ONCE = 4  # regions that are read together where a few picks are enough: most parts show two
-AGAIN = slice(2, None)  # rounds that poses go through twice without a depth map: at first many stop on the way
-PLACING_SIZE = 12  # window pixels for the mean of what a pose shows
-BY_SHAPE, BY_EGI = 64, 96  # candidates per region from A1, A4, A5 and from A1, A2: leaves return tens of attitudes
 
 
 def recognize(
@@ -143,7 +120,7 @@ def recognize_one(
     start = time.perf_counter()
     answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second, picks)
     least = SCORINGS[sight.kind].least_pose
-    answers = [replace(answer, selection=answer.selection.from_score(least)) for answer in answers]
+    answers = [answer.selected(answer.selection.from_score(least)) for answer in answers]
     return detections_of(answers, forest, sight, time.perf_counter() - start, partly=picks is not None)
 
 
@@ -161,10 +138,11 @@ def read_scene(
     enough for so many `picks`. Returns all hypotheses with their verdicts, and what was seen.
     """
     sight = look(images, sensor, depth, R_w2c, second)
-    topmost = None if picks is None else read_topmost(forest, images, sight, picks)
+    asked = ask(forest, images, sight)
+    topmost = None if picks is None else read_topmost(forest, sight, asked, picks)
     if topmost is not None:
         return topmost, sight
-    answers = read_sight(forest, images, sight, FIRST)
+    answers = read(forest, sight, asked, FIRST)
     before = sight
     images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
     again = answers if sight is before else compete([seen_again(a, sight) for a in answers], sight)
@@ -198,53 +176,8 @@ def seen_again(answer: Interpretation, sight: Sight) -> Interpretation:
     prepared = answer.prepared
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     everyone = [len(answer.hypotheses.region)] * 2
-    hypotheses = narrow(answer.hypotheses, prepared, sight, plan.rounds[-2:], plan, everyone)
-    judged = judge(hypotheses, prepared, sight, plan)
-    selection = select(judged, prepared, hypotheses, sight)
-    return replace(answer, hypotheses=hypotheses, judged=judged, selection=selection)
-
-
-def read_topmost(
-    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, picks: int
-) -> list[Interpretation] | None:
-    """The highest regions alone, which are usually not occluded, `AT_ONCE` more at a time, until `picks` poses are
-    sure. None if they never are.
-    """
-    found = sight.found
-    smallest = min(FIRST.least * prepared.usual_area for prepared in forest.trees)
-    order = np.argsort(-found.height, kind="stable")
-    order = order[(sight.bright & (found.area_mm2 >= smallest))[order]]
-    answers: list[Interpretation] = []
-    for first in range(0, len(order), AT_ONCE):
-        new = np.isin(np.arange(found.count), order[first : first + AT_ONCE])
-        answers = settled(compete([*answers, *read_sight(forest, images, sight, FIRST, new)], sight), sight)
-        if count_of_sure(answers, sight) >= picks:
-            return answers
-    return None
-
-
-def read_sight(
-    forest: PreparedForest, images: Float[np.ndarray, "lights height width"], sight: Sight, beam: Beam,
-    only: Bool[np.ndarray, "regions"] | None = None,
-) -> list[Interpretation]:
-    """What each tree makes of the regions that the root leaves to it; of some of them, if told."""
-    found, sensor = sight.found, sight.sensor
-    if not found.count:
-        return []
-    measured = {pitch: measure_regions(found, sight.needle, images, sensor, pitch) for pitch in forest.pitches}
-    said = ask_root(forest, measured, found.count)
-    bright = sight.bright if only is None else sight.bright & only
-    answers = [
-        interpret(prepared, part, asked, said, measured[prepared.pitch], sight, beam)
-        for part, prepared in enumerate(forest.trees)
-        if len(asked := np.flatnonzero(said.left[:, part] & bright & large_enough(found, prepared, beam.least)))
-    ]
-    return compete(answers, sight)
-
-
-def large_enough(found: Regions, prepared: Prepared, share: float) -> Bool[np.ndarray, "regions"]:
-    """Regions of at least this share of the part's usual area of a region."""
-    return found.area_mm2 >= share * prepared.usual_area
+    hypotheses, judged = narrow_and_judge(answer.hypotheses, prepared, sight, plan.rounds[-2:], plan, everyone)
+    return with_selection(replace(answer, hypotheses=hypotheses, judged=judged), sight)
 
 
 def search_deeper(
@@ -257,7 +190,7 @@ def search_deeper(
     for rest_of in (left_over, partial(by_two_lights, which=0), partial(by_two_lights, which=1), unread):
         rest = rest_of(sight, answers)
         if rest is not None:
-            answers = compete([*answers, *read_sight(forest, images, rest, DEEP)], sight)
+            answers = compete([*answers, *read(forest, rest, ask(forest, images, rest), DEEP)], sight)
     return answers
 
 
@@ -288,10 +221,11 @@ def detections_of(
             number = numbers[id(found)] + r
             if number not in there or number in recognised:
                 continue
-            if found is readings[0] or answered[labels == number].mean() <= MOSTLY:
+            is_told = answered[labels == number].mean() > MOSTLY
+            if found is readings[0] or not is_told:
                 left_out = partly and len(readings) == 1
                 not_read = unread_because(forest, of_reading, r, left_out) if bright[r] else TOO_DARK
-                reason = best_reason(of_reading, r) or not_read
+                reason = best_reason(of_reading, r) or (EXPLAINED if is_told else not_read)
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})
     return Detections(
@@ -307,71 +241,6 @@ def unread_because(forest: PreparedForest, answers: list[Interpretation], region
     found, left = answers[0].found, answers[0].said.left[region]
     large = (large_enough(found, one, FIRST.least)[region] for one, may in zip(forest.trees, left, strict=True) if may)
     return NOT_READ if partly and any(large) and not any(region in a.asked for a in answers) else TOO_SMALL
-
-
-def interpret(
-    prepared: Prepared, part: int, asked: Int[np.ndarray, "asked"], said: RootAnswer, measured: Measured, sight: Sight,
-    beam: Beam,
-) -> Interpretation:
-    """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
-    tree, sensor = prepared.tree, sight.sensor
-    features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.model.reach)
-    classification = jax.device_get(classify(features, prepared.classification))
-    candidates = determine(
-        features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
-    )
-    hypotheses = likeliest(as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam), beam.mass)
-    hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
-    hypotheses = hypotheses.take(distinct(hypotheses, prepared.symmetries, prepared.model.diameter))
-    if beam.whole_dome:
-        places = open_places(prepared, sight, asked)
-        if len(places.region):
-            hypotheses = joined(hypotheses, every_attitude(prepared, sight, places, measured.R_ray_cam))
-        hypotheses = best_at_a_glance(hypotheses, prepared, sight)
-    plan = sight.plan(tree.part.diameter, tree.spacing)
-    hypotheses = narrow(hypotheses, prepared, sight, plan.rounds, plan, beam.keep)
-    if sight.kind != "depth":
-        hypotheses = narrow(hypotheses, prepared, sight, plan.rounds[AGAIN], plan, beam.keep[AGAIN])
-    judged = judge(hypotheses, prepared, sight, plan)
-    selection = select(judged, prepared, hypotheses, sight)
-    answer = Interpretation(
-        prepared, part, asked, features, classification, hypotheses, judged, selection, sight.found, said
-    )
-    return challenged(answer, sight)
-
-
-def as_hypotheses(
-    candidates: Candidates, prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"],
-    R_ray_cam: Float[np.ndarray, "regions 3 3"],
-) -> RegionHypotheses:
-    """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
-    found = sight.found
-    R_ray_obj, row, score = (np.asarray(c)[: len(asked)] for c in candidates)
-    # a part with few appearances leaves places in the list: they repeat the region's best
-    empty = ~np.isfinite(score)
-    best = np.argmax(score, axis=1)[:, None]
-    pick = np.where(empty, best, np.arange(score.shape[1])[None])
-    R_ray_obj = np.take_along_axis(R_ray_obj, pick[..., None, None], axis=1)
-    row = np.take_along_axis(row, pick, axis=1)
-    X_region = sight.sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-    from_middle = prepared.tree.appearances.centroid_obj[row] - prepared.middle
-    R, t = place(R_ray_obj, from_middle, R_ray_cam[asked], X_region[asked])
-    region = np.repeat(asked, row.shape[1])
-    poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
-    log_likelihood = np.where(empty, -np.inf, score).reshape(-1)
-    return RegionHypotheses(poses, region, row.reshape(-1), log_likelihood, np.zeros(len(region), bool))
-
-
-def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:
-    """The same attitudes, placed by all of the surface that hangs together with the region in the depth map.
-
-    A region ends at shadows; the surface doesn't. So the mean of a whole part's surface places a pose well where a
-    region was cut, and badly where parts touch: both placements go on.
-    """
-    shown = visible_centres(hypotheses.poses, prepared.model, sight.sensor.camera, PLACING_SIZE)
-    t_cam_obj = hypotheses.poses.t_cam_obj + sight.held.centre[hypotheses.region] - shown
-    poses = Hypotheses(hypotheses.poses.R_cam_obj, t_cam_obj.astype(np.float32))
-    return hypotheses._replace(poses=poses)
 
 
 def _check_shapes(images: np.ndarray, depth: np.ndarray | None, sensor: Sensor) -> None:

@@ -6,7 +6,7 @@ from functools import reduce
 import numpy as np
 
 from itree_jax.answers import Interpretation
-from itree_jax.challenge import beside_turned, challenged, plan_of, with_more
+from itree_jax.challenge import beside_turned, challenged, plan_of, with_more, without
 from itree_jax.competition import compete
 from itree_jax.least_told import moved_along_least_told
 from itree_jax.narrowing import judge
@@ -41,18 +41,20 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
 
 
 def polished(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The accepted poses and their rivals, refined once more at the image's own resolution.
+    """The accepted poses and their rivals, refined once more at the image's own resolution; those that were are left.
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
     kept where the pose explains the scene better than before. Without a depth map it takes the poses to where they
     stop: what else two of them differ by would be held for evidence (experiments/refinement_nats.py). There it goes
     another way too, by contours: a highlight turns a face's needles and moves its matched depth, but not its edges.
     """
-    plan, accepted = plan_of(answer, sight), answer.selection.accepted
-    if not len(accepted):
+    plan, tried = plan_of(answer, sight), answer.selection.with_rivals
+    tried = tried[~answer.hypotheses.polished[tried]]
+    if not len(tried):
         return answer
-    close = [others for others, _ in answer.selection.rivals]
-    tried = np.unique(np.concatenate([accepted, *close]))
+    polished = answer.hypotheses.polished.copy()
+    polished[tried] = True
+    answer = replace(answer, hypotheses=answer.hypotheses._replace(polished=polished))
     before = answer.hypotheses.take(tried)
     ways = [(plan.last, plan.independent), *([plan.by_contours] if plan.by_contours else [])]
     after = reduce(joined, [
@@ -66,8 +68,4 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     best = nats.argmax(axis=0)  # 0: as it was
     moved = np.flatnonzero(best)
     better = (best[moved] - 1) * len(tried) + moved
-    kept = np.setdiff1d(np.arange(len(answer.selection.score)), tried[moved])
-    rest = replace(
-        answer, hypotheses=answer.hypotheses.take(kept), judged=answer.judged.take(kept),
-    )
-    return with_more(rest, after.take(better), judged.take(better), sight)
+    return with_more(without(answer, tried[moved]), after.take(better), judged.take(better), sight)

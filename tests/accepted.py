@@ -23,4 +23,4 @@ def only(
         answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),
         rivals=((np.zeros(0, int), np.zeros(0)),),
     )
-    return replace(answer, hypotheses=hypotheses, judged=judged, selection=chosen)
+    return replace(answer, hypotheses=hypotheses, judged=judged).selected(chosen)

@@ -143,5 +143,5 @@ def test_at_last_an_accepted_pose_meets_itself_turned_as_exact_as_it_is(prepared
     for R_k, t_k in zip(R, t, strict=True):
         same = np.abs(np.asarray(turned.R_cam_obj) - R_k).max(axis=(1, 2)) + np.abs(turned.t_cam_obj - t_k).max(axis=1)
         assert same.min() < 1e-5
-    nothing = replace(met, selection=replace(met.selection, accepted=np.zeros(0, int)))
+    nothing = met.selected(replace(met.selection, accepted=np.zeros(0, int)))
     assert beside_turned(nothing, sight) is nothing

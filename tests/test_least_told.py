@@ -84,5 +84,5 @@ def test_a_pose_that_was_moved_so_gives_way_to_the_right_one(read, way):
 
 def test_where_nothing_is_accepted_nothing_is_moved(read):
     answer, sight = read
-    none = replace(answer, selection=replace(answer.selection, accepted=np.zeros(0, int)))
+    none = answer.selected(replace(answer.selection, accepted=np.zeros(0, int)))
     assert moved_along_least_told(none, sight) is none

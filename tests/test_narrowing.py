@@ -1,4 +1,4 @@
-"""Rounds of refining and verifying: which maps each of them holds poses against."""
+"""Rounds of refining and verifying: which maps and which mesh each of them takes."""
 
 from types import SimpleNamespace
 
@@ -13,8 +13,8 @@ from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.bundled import bundled_sensor
 
 
-def test_only_rough_rounds_take_the_soft_depth(monkeypatch):
-    """The last two rounds, and with them all that judges a pose, hold it against what was measured well."""
+def test_only_rough_rounds_take_the_soft_depth_and_the_rough_model(monkeypatch):
+    """The last two rounds, and with them all that judges a pose, hold all of it against what was measured well."""
     refined, verified = [], []
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
@@ -23,23 +23,25 @@ def test_only_rough_rounds_take_the_soft_depth(monkeypatch):
     )  # fmt: skip
 
     def refine(poses, model, observed, *_):
-        refined.append(observed)
+        refined.append((model.name, observed))
         return poses
 
     def verify(poses, model, observed, *_):
-        verified.append(observed)
+        verified.append((model.name, observed))
         return Verdict(*np.ones((8, 1))), None, 1
 
     monkeypatch.setattr(narrowing, "refine", refine)
     monkeypatch.setattr(narrowing, "verify", verify)
     pose = Hypotheses(np.eye(3, dtype=np.float32)[None], np.zeros((1, 3), np.float32))
-    alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), np.zeros(1, bool))
+    alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), *np.zeros((2, 1), bool))
     symmetries = Symmetries(np.eye(4)[None], ())
-    part = SimpleNamespace(model=SimpleNamespace(diameter=80.0), symmetries=symmetries)
+    part = SimpleNamespace(
+        model=SimpleNamespace(diameter=80.0, name="model"), rough=SimpleNamespace(name="rough"), symmetries=symmetries
+    )
     for rounds in (plan.rounds, plan.turned, plan.rounds[-2:]):
         refined.clear()
         verified.clear()
         narrowing.narrow(alone, part, sight, rounds, plan)
         rough = len(rounds) - 2
-        assert refined == ["coarse"] * rough + ["observed"] * 2
+        assert refined == [("rough", "coarse")] * rough + [("model", "observed")] * 2
         assert verified == refined

@@ -7,8 +7,9 @@ import pytest
 from itree_cad.symmetry import Symmetries
 from scipy.spatial.transform import Rotation
 
-from itree_jax.prepared import prepare
+from itree_jax.prepared import ROUGHNESS, prepare
 from itree_jax.recognition import recognize
+from itree_jax.refinement.optimise import cast_in, window_stride
 
 ASIDE = np.array([60.0, -35.0, 20.0])  # where the other file has the part's middle [mm]
 
@@ -36,6 +37,27 @@ def test_prepared_parts_do_not_depend_on_the_origin(paper_tree, elsewhere):
     assert there.model.reach == pytest.approx(here.model.reach, rel=1e-6)
     np.testing.assert_allclose(there.turns, here.turns, atol=1e-6)
     assert there.model.reach < 0.51 * paper_tree.part.diameter * 1.2
+
+
+def test_the_rough_model_shows_the_same_on_few_triangles(paper_tree):
+    """In the same windows, to a fraction of their pixels."""
+    prepared = prepare(paper_tree)
+    fine, rough = prepared.model, prepared.rough
+    assert rough.rough
+    assert not fine.rough
+    assert len(rough.mesh.triangles) < 0.5 * len(fine.mesh.triangles)
+    assert (rough.reach, rough.diameter) == (fine.reach, fine.diameter)
+    camera, size = paper_tree.sensor.camera, 32
+    R = Rotation.random(40, rng=0).as_matrix().astype(np.float32)
+    t = np.tile(np.array([0.0, 0.0, paper_tree.sensor.working_distance], np.float32), (len(R), 1))
+    stride = window_stride(camera, fine.reach, paper_tree.sensor.working_distance, size)
+    whole = np.stack([
+        cast_in(camera, R, t, model, size, stride, None, lambda *_: None).depth.numpy() for model in (fine, rough)
+    ])
+    both = (whole > 0).all(axis=0)
+    assert both.sum() > 0.95 * (whole > 0).any(axis=0).sum()
+    close = np.abs(whole[0] - whole[1])[both] < 2.0 * ROUGHNESS * fine.diameter
+    assert close.mean() > 0.95
 
 
 def test_poses_go_there_and_back(elsewhere):

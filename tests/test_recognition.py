@@ -12,7 +12,7 @@ import pytest
 from itree_kernels.errors import ItreeError
 from scipy.spatial.transform import Rotation
 
-from itree_jax import recognition
+from itree_jax import reading_order, recognition
 from itree_jax.backtracking import SURE
 from itree_jax.detections import Detections
 from itree_jax.evaluation import mssd
@@ -149,7 +149,7 @@ def test_two_calls_give_the_same_bytes(batch):
 
 def test_one_pick_leaves_lower_regions_unread(monkeypatch, paper_tree, prepared, cases, answers):
     """Read one by one, the highest region gives a pose that is one of those of the whole reading."""
-    monkeypatch.setattr(recognition, "AT_ONCE", 1)
+    monkeypatch.setattr(reading_order, "AT_ONCE", 1)
     scene, symmetry = cases[0].scene, symmetry_set(model_info(paper_tree.part))
     found = recognize(prepared, scene.images, scene.sensor, scene.depth, scene.R_w2c, picks=1)
     assert len(found) == 1

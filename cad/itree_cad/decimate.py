@@ -25,7 +25,7 @@ def decimated(
     if len(triangles) <= MOST_TRIANGLES:
         return vertices, triangles
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    solid = manifold3d.Manifold(manifold3d.Mesh64(vertices.astype(np.float64), triangles.astype(np.uint64)))
+    solid = as_manifold(vertices, triangles)
     told = f"{where}: the mesh has {len(triangles)} triangles, {MOST_TRIANGLES} are read"
     if solid.status() != manifold3d.Error.NoError:
         raise ItreeError(f"{told}, and it is not closed, so that it cannot be cut down; export it coarser, or as STEP")
@@ -39,5 +39,30 @@ def decimated(
         ItreeWarning,
         stacklevel=4,
     )
+    return as_mesh(solid)
+
+
+def coarser(
+    vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"], tolerance: float
+) -> tuple[Float[np.ndarray, "fewer 3"], Int[np.ndarray, "few 3"]]:
+    """The mesh with as few triangles as it takes if surfaces may move by `tolerance` [mm]; as it is where that leaves
+    nothing, or it is not closed.
+    """
+    solid = as_manifold(vertices, triangles)
+    if solid.status() != manifold3d.Error.NoError:
+        return vertices, triangles
+    solid = solid.simplify(tolerance)
+    return (vertices, triangles) if solid.num_tri() == 0 else as_mesh(solid)
+
+
+def as_manifold(
+    vertices: Float[np.ndarray, "vertices 3"], triangles: Int[np.ndarray, "triangles 3"]
+) -> manifold3d.Manifold:
+    """The library's own; its status tells whether the mesh is closed."""
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices.astype(np.float64), triangles.astype(np.uint64)))
+
+
+def as_mesh(solid: manifold3d.Manifold) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
+    """Vertices and triangles again."""
     mesh = solid.to_mesh64()
     return np.asarray(mesh.vert_properties)[:, :3].copy(), np.asarray(mesh.tri_verts).astype(np.int64)

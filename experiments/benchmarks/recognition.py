@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import tyro
 
-from itree_jax import challenge, narrowing, own_axis, recognition, settling
+from itree_jax import challenge, interpreting, narrowing, own_axis, reading_order, recognition, settling
 from itree_jax.cli.runtime import start_jax
 from itree_jax.prepared import PreparedForest, prepare_forest
 from itree_jax.results import read_bop_csv
@@ -34,13 +34,16 @@ from itree_jax.tree.tree_file import load_tree
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "needles, regions, edges": ((recognition, "look"),),
     "reflected light": ((recognition, "subtract_reflections"),),
-    "features of regions": ((recognition, "measure_regions"),),
-    "tree": ((recognition, "ask_root"), (recognition, "classify"), (recognition, "determine")),
-    "placing": ((recognition, "every_attitude"), (recognition, "placed_by_segment"), (challenge, "shown_at")),
+    "features of regions": ((reading_order, "measure_regions"),),
+    "tree": ((reading_order, "ask_root"), (interpreting, "classify"), (interpreting, "determine")),
+    "placing": ((interpreting, "every_attitude"), (interpreting, "placed_by_segment"), (challenge, "shown_at")),
     "refinement": ((narrowing, "refine"), (settling, "refine")),
     "verification": ((narrowing, "verify"),),
     "likelihood": ((narrowing, "support"), (own_axis, "support")),
-    "selection": ((recognition, "select"), (challenge, "select"), (recognition, "compete"), (settling, "compete")),
+    "selection": (
+        (interpreting, "select"), (challenge, "select"), (reading_order, "compete"), (recognition, "compete"),
+        (settling, "compete"),
+    ),
     "what is left over": ((recognition, "left_over"),),
     "deviations, paths": ((recognition, "detections_of"),),
 }

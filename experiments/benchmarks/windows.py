@@ -61,7 +61,7 @@ def row_of(prepared: Prepared, sight: Sight, size: int, config: Config) -> list[
     seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, contours=True)
     sums, poses, gates = row_sums(1, len(t), size, device), poses_on_device(R, t, device), gates_of(*GATES)
     bare = Rays(model.mesh, camera, model.reach, None, None)
-    whole = Rays(model.mesh, camera, model.reach, plan.jump, sight.crease)
+    whole = Rays(model.mesh, camera, model.reach, plan.jump, sight.crease, model.rough)
     load_kernel(equations_kernel, device)
     whole.cast_all(seen)
 

@@ -47,6 +47,7 @@ class RefineModel:
     reach: float  # largest distance of a point from the part's origin [mm]
     diameter: float  # [mm]
     surface: SmoothSurface | None = None  # what the triangles stand for, padded likewise; None: themselves
+    rough: bool = False  # coarse triangles, and contours halfway between window pixels: for rough poses
 
 
 def padded_normals(normal_obj: Float[np.ndarray, "triangles 3"]) -> Float[Array, "padded 3"]:
@@ -146,7 +147,7 @@ def _refine_stage(
     pose = poses_on_device(R, t, device)
     there = [pose, *(poses_on_device(R, t, device) for _ in views[1:])]
     seen = [windows(R, t, np.zeros((count, 2)), stage.size, stride, device, stage.contour) for _ in views]
-    rays = [Rays(mesh, by.camera, model.reach, jump if stage.contour else None, crease) for by in views]
+    rays = [Rays(mesh, by.camera, model.reach, jump if stage.contour else None, crease, model.rough) for by in views]
     sums = row_sums(len(views), count, stage.size, device)
     turns = wp.array(np.stack([by.R_camera_first for by in views]).astype(np.float32), dtype=wp.mat33, device=device)
     spreads = spreads_of(*(float(v) for v in (
@@ -192,7 +193,7 @@ def cast_in(
     """Casts windows of poses that are told in a camera's frame, and has each of them read as soon as it is cast."""
     device = model.mesh.device
     seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, jump is not None)
-    rays = Rays(model.mesh, camera, model.reach, jump, crease)
+    rays = Rays(model.mesh, camera, model.reach, jump, crease, model.rough)
 
     def cast_some(first: int, last: int) -> None:
         rays.cast(seen, first, last)

@@ -23,6 +23,7 @@ NO_RIVAL = 500.0  # [nats]: who is beaten by more has no share that a float can 
 # diameter: with 0.3 mm of noise and a part of 60 mm it is in the face's plane, to the tolerance, at 5 % by chance.
 MOST_FLUSH = 0.1
 LEAST_SHARE = 0.1  # of the belief in its place: a pose that is beaten by more than nine to one is no answer
+EXPLAINED = "a better pose explains the same pixels"
 HARDLY_TOLD = "another pose of its place is nearly as likely"
 ROUNDS = 3  # of selecting again without the poses that the others made unlikely
 
@@ -66,7 +67,7 @@ class Judged:
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
-        verdict, near = Verdict(*(counts[index] for counts in self.verdict)), self.near[np.ix_(index, index)]
+        verdict, near = self.verdict.take(index), self.near[np.ix_(index, index)]
         return Judged(verdict, self.support.take(index), self.least_pixels, near, self.totals.take(index))
 
     def with_rivalry(self, near: Bool[np.ndarray, "hypotheses hypotheses"]) -> "Judged":
@@ -95,6 +96,11 @@ class Selection:
     # of each accepted one: other poses of its place that no other answer excludes and that it beats by less than
     # `NO_RIVAL`, and by how much [nats]
     rivals: tuple[Rivals, ...]
+
+    @property
+    def with_rivals(self) -> Int[np.ndarray, "hypotheses"]:
+        """The accepted ones and their rivals, each once."""
+        return np.unique(np.concatenate([self.accepted, *(others for others, _ in self.rivals)]))
 
     def from_score(self, least: float) -> "Selection":
         """Without accepted poses that are less probable than this."""
@@ -182,7 +188,7 @@ def _greedy(
         rows, columns, weight = judged[key[0]].explains(key[1], image_shape)
         own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
         if own < LEAST_OWN_SHARE:
-            reasons[key] = "a better pose explains the same pixels"
+            reasons[key] = EXPLAINED
         elif any(share_space(key, other) for other in accepted):
             reasons[key] = "it would share space with a better pose"
         else:

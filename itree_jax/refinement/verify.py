@@ -9,7 +9,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.scene_maps import SeenBy
 from itree_kernels.shown_centre import centre_kernel, centres, mean_shown
 from itree_kernels.windows import Windows
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from itree_jax.refinement.observed import ObservedMaps, seen_by
 from itree_jax.refinement.optimise import (
@@ -45,6 +45,9 @@ class Verdict(NamedTuple):
     contour_missed: Float[np.ndarray, "*h"]  # contour points outside of which it goes on as if there were no contour
     contour_flush: Float[np.ndarray, "*h"]  # of these, where the face itself goes on: in its plane
 
+    def take(self, index: Int[np.ndarray, "kept"]) -> "Verdict":
+        return Verdict(*(counts[index] for counts in self))
+
 
 def verify(
     hypotheses: Hypotheses, model: RefineModel, observed: ObservedMaps | SeenBy, camera: Camera,
@@ -68,7 +71,7 @@ def _counts_in(
     R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], model: RefineModel, by: SeenBy, tolerances: Tolerances,
     size: int, stride: int, jump: float | None,
 ) -> tuple[Float[np.ndarray, "h 8"], Float[np.ndarray, "h 2"]]:
-    limits = limits_of(*(float(v) for v in tolerances))
+    limits = limits_of(*(float(v) for v in tolerances), off=0.5 * stride if model.rough else 0.0)
     counts = row_counts(len(t), size, model.mesh.device)
 
     def count(seen, first: int, last: int) -> None:

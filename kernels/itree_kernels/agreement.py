@@ -15,7 +15,7 @@ BLIND = wp.constant(0.5)  # what a pixel without depth counts: needles and shadi
 SAME_SHADING = wp.constant(0.12)  # of full albedo: 4 standard deviations of the 3 % that reflected light adds
 LIT_SHADING = wp.constant(0.2)  # of full albedo: what reflected light fills shadows with is less
 TOO_BRIGHT = wp.constant(0.25)  # of full albedo: beyond the 99 percentile of reflected light
-CONTOUR_STEP = wp.constant(2.5)  # [px] how far outside of its contour a pose is asked whether the surface goes on
+CONTOUR_STEP = 2.5  # [px] how far outside of its contour a pose is asked whether the surface goes on
 STEEPEST = wp.constant(0.2)  # cosine of the slant beyond which nothing is detectable
 FAR = wp.constant(1.0e30)
 
@@ -32,6 +32,7 @@ class Limits:
     needle_cosine: float
     jump: float  # step between two surfaces [mm]
     edge: float  # [px] from an observed edge within which a contour is found; 0: where depth ends, it is found
+    step: float  # [px] outside of its contour, where a pose is asked whether the surface goes on
 
 
 @wp.func
@@ -206,7 +207,7 @@ def agreement_kernel(
                 z = contour_depth[h, side, i, j]
                 uv = contour_uv[h, side, i, j]
                 beyond = hit_depth(depth, triangle, h, i + side, j + 1 - side)
-                toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, CONTOUR_STEP, -CONTOUR_STEP)
+                toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, limits.step, -limits.step)
                 shift = wp.where(side == 0, wp.vec2(toward, 0.0), wp.vec2(0.0, toward))
                 inner = depth_at(maps, uv - shift)
                 outer = depth_at(maps, uv + shift)
@@ -238,10 +239,11 @@ def agreement_kernel(
     counts[h, i] = counts8(pixels[0], pixels[1], pixels[2], pixels[3], pixels[4], found, missed, flush)
 
 
-def limits_of(depth: float, needle: float, jump: float, edge: float):
-    """Depth and jump [mm], needle [rad], edge [px]."""
+def limits_of(depth: float, needle: float, jump: float, edge: float, off: float = 0.0):
+    """Depth and jump [mm], needle [rad], edge [px]; `off` [px]: how far off contours may lie themselves."""
     limits = Limits()
-    limits.depth, limits.needle_cosine, limits.jump, limits.edge = depth, float(np.cos(needle)), jump, edge
+    limits.depth, limits.needle_cosine, limits.jump = depth, float(np.cos(needle)), jump
+    limits.edge, limits.step = edge + off if edge > 0.0 else 0.0, CONTOUR_STEP + off
     return limits
 
 

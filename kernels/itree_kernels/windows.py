@@ -19,6 +19,7 @@ from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
 CONTOUR_ERROR = 0.5  # [px] rays find a contour point to about this, or to 1/4 of the stride if that is less
+HALFWAY = wp.constant(0)  # bisections: a contour is taken to lie in the middle, off by half a stride at most
 BESIDE_RIM = wp.constant(0.1)  # of the way from a rim to the pixel beyond it: where what lies behind is asked for
 
 
@@ -151,9 +152,11 @@ def step_between(
 ):
     """(image point [px], z [mm] of the near side) of the occluding contour between two pixels; z = 0 where none is.
 
-    Of a closed mesh it is walked to. Where the walk is lost or the surface hangs together, as down a steep wall that a
-    camera sees as a step, and of an open mesh, rays halve the way.
+    Of a closed mesh it is walked to, if it is not taken to lie halfway. Where the walk is lost or the surface hangs
+    together, as down a steep wall that a camera sees as a step, and of an open mesh, rays halve the way.
     """
+    if bisections == HALFWAY:
+        return 0.5 * (ua + ub), wp.where(near_is_a, za, zb)
     if across_edge.shape[0] > 0:
         near_a = near_is_a
         said, uv, z = rim_between(
@@ -293,6 +296,7 @@ class Rays:
     reach: float  # [mm] no point of the part is farther than this from its origin
     jump: float | None  # [mm] least step between two surfaces that is an occluding contour; None: no contours
     crease: float | None  # [rad] creases that turn by more are contours too; None: none are
+    halfway: bool = False  # contours are taken to lie halfway between pixels; else they are looked for
 
     def load(self) -> None:
         """Compiles the kernels, so that threads may launch them together."""
@@ -325,7 +329,7 @@ class Rays:
         if self.jump is None or not seen.with_contours:
             return
         # half of the last interval is the error: the middle is taken
-        bisections = max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
+        bisections = HALFWAY if self.halfway else max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
         sharpest = -2.0 if self.crease is None else float(np.cos(self.crease))
         wp.launch(
             contour_kernel, dim=(many, size),

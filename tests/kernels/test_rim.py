@@ -9,6 +9,7 @@ from itree_cad.bundled import bundled_part
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import correspondences
 from itree_kernels.mesh import RayMesh, neighbours, ray_mesh
+from itree_kernels.windows import Rays, windows
 from scipy.spatial.transform import Rotation
 
 CAMERAS = {
@@ -57,6 +58,30 @@ def test_the_walk_ends_where_rays_begin_to_miss(name, camera):
     off = np.linalg.norm(walked.contour_uv - halved.contour_uv, axis=-1)[both]
     assert np.mean(off <= STRIDE / 8.0 + 1e-3) > 0.98
     assert np.mean((walked.contour_depth > 0) == (halved.contour_depth > 0), where=walked.contour_depth > 0) > 0.96
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_halfway_contours_are_where_pixels_part_and_off_by_half_a_stride_at_most(camera):
+    """Nothing is walked: the rim lies anywhere between two pixels, so that half of the way is right on average."""
+    mesh, camera = mesh_of("bracket"), CAMERAS[camera]
+    R = Rotation.random(12, rng=np.random.default_rng(5)).as_matrix()
+    t = np.tile([0.0, 0.0, 600.0], (12, 1))
+    origin = np.round(camera.project(t) - 0.5 * STRIDE * (SIZE - 1))
+    reach = float(np.linalg.norm(mesh.vertices, axis=1).max())
+    walked, halfway = (windows(R, t, origin, SIZE, STRIDE, "cpu") for _ in range(2))
+    for seen, guessed in ((walked, False), (halfway, True)):
+        Rays(mesh, camera, reach, 1.0, None, guessed).cast_all(seen)
+    z_walked, z_halfway = walked.contour_depth.numpy(), halfway.contour_depth.numpy()
+    both = (z_walked > 0) & (z_halfway > 0)
+    assert both.sum() > 0.95 * (z_walked > 0).sum()
+    apart = halfway.contour_uv.numpy()[both] - walked.contour_uv.numpy()[both]
+    assert np.abs(apart).max() <= STRIDE / 2.0 + 1e-3
+    assert np.abs(apart.mean(axis=0)).max() < 0.1
+    of_pixels = (halfway.contour_uv.numpy() - origin[:, None, None, None])[both] / STRIDE
+    np.testing.assert_allclose(2.0 * of_pixels, np.round(2.0 * of_pixels), atol=1e-4)
+    nearer = halfway.depth.numpy()[:, None]
+    assert np.isin(z_halfway[both], nearer).all()
+
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
