@@ -4,7 +4,7 @@ A region tells which way a face lies, so that what an attitude of the dome leave
 where on the face the region is: in its middle, or in a corner where the rest is hidden.
 """
 
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.shown_surface import ends, facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
 from itree_jax.split_region import pieces_of
+from itree_jax.tree.batches import on_all_cores
 
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
@@ -65,15 +66,19 @@ def every_attitude(
     with_row = np.unique(tree.appearances.attitude, return_index=True)
     R_ray_obj, of_all = all_attitudes(), middle_of_all(prepared.shown)
     nearest = np.argmax(R_ray_obj.reshape(-1, 9) @ attitudes[with_row[0]].T, axis=1)
-    places_of = []
-    for region, alone in zip(*places, strict=True):
-        R_cam_ray, kept = R_ray_cam[region].T, prepared.attitudes
+
+    def of_place(place: tuple[int, bool]) -> list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        region, alone = place
+        R_cam_ray, kept, places_of = R_ray_cam[region].T, prepared.attitudes, []
         if sight.faces_told:
             kept, placed = facing_as_seen(prepared, sight, region, R_cam_ray)
             places_of += [(region, kept[of], R_cam_ray @ R @ R_ray_obj[kept[of]], t) for of, R, t in placed]
         if alone or not sight.faces_told:
             centre = sight.held.centre[region] if alone else middles(sight, region, np.inf)[0]
             places_of.append((region, kept, R_cam_ray @ R_ray_obj[kept], centre - of_all[kept] @ R_cam_ray.T))
+        return places_of
+
+    places_of = list(chain.from_iterable(on_all_cores(of_place, zip(*places, strict=True))))
     region = np.concatenate([np.full(len(kept), region) for region, kept, _, _ in places_of])
     attitude, R, t = (np.concatenate([one[k] for one in places_of]) for k in (1, 2, 3))
     poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))

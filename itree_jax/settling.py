@@ -1,5 +1,6 @@
 """The last word on accepted poses: each is challenged, turned about its own axis, and polished."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 
@@ -14,6 +15,7 @@ from itree_jax.own_axis import turned_to_likeliest
 from itree_jax.refinement.hypotheses import joined
 from itree_jax.refinement.optimise import refine
 from itree_jax.sight import Sight
+from itree_jax.tree.batches import on_all_cores
 
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 TURNS = 2  # how far a part is turned about its own axis is told better by a pose that was polished since
@@ -22,34 +24,42 @@ TURNS = 2  # how far a part is turned about its own axis is told better by a pos
 def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
     """Accepted poses that nothing near them beats, at the image's own resolution."""
     for _ in range(CHALLENGES):
-        more = [challenged(a, sight) for a in answers]
+        more = each(challenged, answers, sight)
         if all(new is old for new, old in zip(more, answers, strict=True)):
             break
         answers = compete(more, sight)
-    answers = compete([polished(a, sight) for a in answers], sight)
-    answers = compete([beside_turned(a, sight) for a in answers], sight)
-    answers = compete([polished(a, sight) for a in answers], sight)
+    for step in (polished, beside_turned, polished):
+        answers = compete(each(step, answers, sight), sight)
     if sight.kind != "depth":
-        moved = compete([moved_along_least_told(a, sight) for a in answers], sight)
-        answers = compete([polished(a, sight) for a in moved], sight)
+        moved = compete(each(moved_along_least_told, answers, sight), sight)
+        answers = compete(each(polished, moved, sight), sight)
     for _ in range(TURNS):
-        turned = [turned_to_likeliest(a, sight) for a in answers]
+        turned = each(turned_to_likeliest, answers, sight)
         if all(new is old for new, old in zip(turned, answers, strict=True)):
             break
-        answers = compete([polished(a, sight) for a in compete(turned, sight)], sight)
+        answers = compete(each(polished, compete(turned, sight), sight), sight)
     return answers
 
 
+def each(
+    step: Callable[[Interpretation, Sight], Interpretation], answers: list[Interpretation], sight: Sight
+) -> list[Interpretation]:
+    """The step for every reading, side by side: while the host sorts the poses of one, kernels refine another's."""
+    return on_all_cores(lambda answer: step(answer, sight), answers)
+
+
 def polished(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The accepted poses and their rivals, refined once more at the image's own resolution; those that were are left.
+    """The accepted poses and their rivals, refined once more at the image's own resolution.
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
     kept where the pose explains the scene better than before. Without a depth map it takes the poses to where they
-    stop: what else two of them differ by would be held for evidence (experiments/refinement_nats.py). There it goes
+    stop, as often as it is asked: what else two of them differ by would be held for evidence
+    (experiments/refinement_nats.py); with one a pose is polished but once. Without a depth map it goes
     another way too, by contours: a highlight turns a face's needles and moves its matched depth, but not its edges.
     """
     plan, tried = plan_of(answer, sight), answer.selection.with_rivals
-    tried = tried[~answer.hypotheses.polished[tried]]
+    if sight.kind == "depth":
+        tried = tried[~answer.hypotheses.polished[tried]]
     if not len(tried):
         return answer
     polished = answer.hypotheses.polished.copy()

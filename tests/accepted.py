@@ -17,7 +17,7 @@ def only(
 ) -> Interpretation:
     h = answer.selection.accepted[:1]
     poses = Hypotheses(np.asarray(R, np.float32)[None], np.asarray(t, np.float32)[None])
-    hypotheses = answer.hypotheses.take(h)._replace(poses=poses, challenged=np.zeros(1, bool))
+    hypotheses = answer.hypotheses.take(h).unmet._replace(poses=poses)
     judged = judge(hypotheses, answer.prepared, sight, plan_of(answer, sight))
     chosen = replace(
         answer.selection, accepted=np.array([0]), score=np.array([0.9]), reason=("",),

@@ -90,7 +90,8 @@ def test_a_turned_pose_that_fits_as_it_is_isnt_led_astray(prepared, read):
         np.asarray(truth.t_cam_obj - truth.R_cam_obj @ turn[:3, :3].T @ turn[:3, 3], np.float32)[None],
     )
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
-    found = challengers(accepted._replace(poses=wrong), prepared, sight, plan)
+    found, judged = challengers(accepted._replace(poses=wrong), prepared, sight, plan)
+    assert len(judged.log_likelihood) == len(found.region)
     turns = [turn_between(R, truth.R_cam_obj) for R in found.poses.R_cam_obj]
     assert min(turns) < 0.5
     assert set(found.region) == {0}
@@ -111,13 +112,14 @@ def test_polishing_makes_a_pose_more_likely_and_more_exact(read):
     fine = polished(rough, sight)
     assert fine.judged.log_likelihood[0] > rough.judged.log_likelihood[0]
     assert turn_between(best(fine)[0], truth.R_cam_obj) < 0.5 * turn_between(best(rough)[0], truth.R_cam_obj)
+    assert polished(fine, sight) is fine  # who is polished already isn't again
 
 
 def test_polishing_leaves_alone_what_it_would_make_less_likely(read):
     """A polished pose polished again: whatever happens, it doesn't get less likely."""
     answer, sight, _ = read
     before = answer.judged.log_likelihood[answer.selection.accepted].max()
-    after = polished(answer, sight)
+    after = polished(replace(answer, hypotheses=answer.hypotheses.unmet), sight)
     assert after.judged.log_likelihood[after.selection.accepted].max() >= before
 
 

@@ -4,9 +4,9 @@
 
 A process is fresh but for what earlier ones left in the caches of JAX and Warp. Warm: the median over `repeats` of
 every scene, by the clock and by the processors' time, which says more on a machine that does other things too. A
-stage's time is without that of the stages it calls. Peers' csv files (`peers.recognise`) give their seconds by the
-clock for the same scenes, the JSON files beside them those of the processors; each is held against ours of its kind.
-Prints a table and writes recognition.json.
+stage's time is without that of the stages it calls, in runs of their own that leave no two stages at once. Peers' csv
+files (`peers.recognise`) give their seconds by the clock for the same scenes, the JSON files beside them those of the
+processors; each is held against ours of its kind. Prints a table and writes recognition.json.
 """
 
 import json
@@ -38,7 +38,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "tree": ((reading_order, "ask_root"), (interpreting, "classify"), (interpreting, "determine")),
     "placing": ((interpreting, "every_attitude"), (interpreting, "placed_by_segment"), (challenge, "shown_at")),
     "refinement": ((narrowing, "refine"), (settling, "refine")),
-    "verification": ((narrowing, "verify"),),
+    "verification": ((narrowing, "verify"), (challenge, "verify")),
     "likelihood": ((narrowing, "support"), (own_axis, "support")),
     "selection": (
         (interpreting, "select"), (challenge, "select"), (reading_order, "compete"), (recognition, "compete"),
@@ -90,8 +90,9 @@ class Clock:
 
 @contextmanager
 def stages_timed(clock: Clock) -> Iterator[None]:
-    """The functions of every stage report to the clock."""
+    """The functions of every stage report to the clock, and no two at once."""
     with ExitStack() as stack:
+        stack.enter_context(patch.object(settling, "on_all_cores", lambda step, answers: [step(a) for a in answers]))
         for name, functions in STAGES.items():
             for module, function in functions:
                 stack.enter_context(patch.object(module, function, clock.timed(name, getattr(module, function))))
@@ -112,22 +113,26 @@ def main(config: Config) -> None:
 
 def measured(forest: PreparedForest, scene: Scene, repeats: int) -> dict[str, Any]:
     """Medians of one scene after a call that warms up."""
-    runs = []
-    for k in range(repeats + 1):
-        clock = Clock()
-        with stages_timed(clock):
-            start = time.perf_counter(), time.process_time()
+    whole = [whole_scene(forest, scene) for _ in range(repeats + 1)][1:]
+    clocks = []
+    for _ in range(repeats):
+        clocks.append(Clock())
+        with stages_timed(clocks[-1]):
             found = recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c)
-            total = time.perf_counter() - start[0], time.process_time() - start[1]
-        if k:
-            runs.append((total, clock))
     picks = [first_pick(forest, scene) for _ in range(repeats + 1)][1:]
     return {
         "scene": scene.scene_id, "found": len(found.detections),
         "pick_wall_s": median(wall for wall, _ in picks), "pick_cpu_s": median(cpu for _, cpu in picks),
-        "wall_s": median(total[0] for total, _ in runs), "cpu_s": median(total[1] for total, _ in runs),
-        "stages_cpu_s": {name: median(clock.cpu.get(name, 0.0) for _, clock in runs) for name in STAGES},
+        "wall_s": median(wall for wall, _ in whole), "cpu_s": median(cpu for _, cpu in whole),
+        "stages_cpu_s": {name: median(clock.cpu.get(name, 0.0) for clock in clocks) for name in STAGES},
     }  # fmt: skip
+
+
+def whole_scene(forest: PreparedForest, scene: Scene) -> tuple[float, float]:
+    """Seconds of all of a scene: by the clock, of the processors."""
+    start = time.perf_counter(), time.process_time()
+    recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+    return time.perf_counter() - start[0], time.process_time() - start[1]
 
 
 def first_pick(forest: PreparedForest, scene: Scene) -> tuple[float, float]:

@@ -2,9 +2,10 @@
 
     python experiments/benchmarks/windows.py --tree TREE --scene FOLDER [--poses N] [--repeats N]
 
-The part's mesh in random attitudes at the working distance, held against the scene (with a depth map). Prints a table:
-CPU microseconds of a window, medians, the share of its pixels that show the part, and nanoseconds of a pixel that does.
-Small windows are bound by the triangles that are projected, large ones by pixels.
+The part's mesh, and in small windows also the coarse one that rough rounds take, in random attitudes at the working
+distance, held against the scene (with a depth map). Prints a table: CPU microseconds of a window, medians, the share of
+its pixels that show the part, and nanoseconds of a pixel that does.
+Small windows are bound by the triangles that are projected and walked along, large ones by pixels.
 """
 
 import time
@@ -22,12 +23,16 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.cli.runtime import start_jax
 from itree_jax.prepared import Prepared, prepare
-from itree_jax.refinement.optimise import poses_on_device, window_origins, window_stride
+from itree_jax.refinement.optimise import RefineModel, poses_on_device, window_origins, window_stride
 from itree_jax.sensing.scene_folder import load_scene
 from itree_jax.sight import Sight, look
 from itree_jax.tree.tree_file import load_tree
 
 SIZES = (16, 24, 32, 48, 96, 192)  # window pixels: those of the rounds, and of the last step
+ROUGH = 32  # the largest that takes the coarse mesh
+COLUMNS = (
+    "window [px]", "triangles", "casting [us]", "contours [us]", "equations [us]", "shows the part", "ns a shown pixel",
+)  # fmt: skip
 GATES = (5.0, 0.5, 5.0)  # [mm], [rad], [px]: of a round in the middle
 
 
@@ -43,16 +48,16 @@ def main(config: Config) -> None:
     start_jax()
     prepared, scene = prepare(load_tree(config.tree)), load_scene(config.scene)
     sight = look(scene.images, scene.sensor, scene.depth, scene.R_w2c)
-    print(f"{prepared.tree.part.name}: {len(prepared.model.mesh.triangles)} triangles\n")
-    print("| window [px] | casting [us] | contours [us] | equations [us] | shows the part | ns a shown pixel |")
-    print("|---|---|---|---|---|---|")
+    print(f"{prepared.tree.part.name}\n")
+    print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
     for size in SIZES:
-        print(f"| {' | '.join(row_of(prepared, sight, size, config))} |")
+        for model in (prepared.model, prepared.rough)[: 2 if size <= ROUGH else 1]:
+            print(f"| {' | '.join(row_of(prepared, model, sight, size, config))} |")
 
 
-def row_of(prepared: Prepared, sight: Sight, size: int, config: Config) -> list[str]:
+def row_of(prepared: Prepared, model: RefineModel, sight: Sight, size: int, config: Config) -> list[str]:
     """One size of window."""
-    model, camera, sensor = prepared.model, sight.sensor.camera, sight.sensor
+    camera, sensor = sight.sensor.camera, sight.sensor
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     R = Rotation.random(config.poses, random_state=0).as_matrix().astype(np.float32)
     t = np.tile(np.array([0.0, 0.0, sensor.working_distance], np.float32), (config.poses, 1))
@@ -76,7 +81,8 @@ def row_of(prepared: Prepared, sight: Sight, size: int, config: Config) -> list[
     )
     shown = float((seen.triangle.numpy() >= 0).mean())
     of_pixel = 1e3 * (casting + contours + equations) / (shown * size**2)
-    return [str(size), *(f"{us:.0f}" for us in (casting, contours, equations)), f"{shown:.0%}", f"{of_pixel:.0f}"]
+    took = (f"{us:.0f}" for us in (casting, contours, equations))
+    return [str(size), str(len(model.mesh.triangles)), *took, f"{shown:.0%}", f"{of_pixel:.0f}"]
 
 
 def cpu_us(function: Callable[[], None], config: Config) -> float:

@@ -80,6 +80,7 @@ def schedule(
     def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
         return Tolerances(*(np.asarray(v, np.float32) for v in (depth, needle, least_jump, edge)))
 
+    middle_steps, fine_steps = (5, 4) if edge == 0.0 else (7, 6)
     polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
     rounds = (
         Round(
@@ -93,12 +94,12 @@ def schedule(
             tolerances(middle, np.radians(35.0), max(jump, middle)),
         ),
         Round(
-            Stage(7, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)),
+            Stage(middle_steps, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)),
             5,
             tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
         ),
         Round(
-            Stage(6, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
+            Stage(fine_steps, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
             2,
             tolerances(fine, np.radians(20.0), jump),
         ),
