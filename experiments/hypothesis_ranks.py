@@ -18,8 +18,8 @@ from itree_jax.backtracking import FIRST
 from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.truth import Model, SceneTruth
+from itree_jax.interpreting import BY_EGI, BY_SHAPE, as_hypotheses, placed_by_segment
 from itree_jax.prepared import Prepared
-from itree_jax.recognition import BY_EGI, BY_SHAPE, as_hypotheses, placed_by_segment
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.region_measures import features_of, measure_regions
 from itree_jax.sight import look

@@ -37,15 +37,16 @@ class Beam:
     """How much of a region's attitudes is looked at."""
 
     mass: float  # of the posterior, the likeliest first
-    keep: tuple[int, ...]  # hypotheses per region after each round of refinement
+    keep: tuple[int, ...]  # hypotheses per region after each round of refinement, whose first rounds are cheap
+    keep_by_images: tuple[int, ...]  # without a depth map
     whole_dome: bool  # also attitudes that no rule of the tree named
     least: float = 0.0  # of the usual area of the part's regions: smaller ones are left alone
 
 
 # Of the regions that have an attitude within reach of refinement at all, 71 % have it in the first three quarters of
 # the mass, a quarter of the attitudes that hold 99 % (experiments/hypothesis_ranks.py); most parts show two regions.
-FIRST = Beam(0.75, (32, 12, 4, 2, 2), whole_dome=False, least=0.15)
-DEEP = Beam(0.99, (64, 20, 5, 2, 2), whole_dome=True, least=0.25)
+FIRST = Beam(0.75, (32, 12, 4, 2, 2), (24, 8, 3, 2, 2), whole_dome=False, least=0.15)
+DEEP = Beam(0.99, (64, 20, 5, 2, 2), (48, 14, 4, 2, 2), whole_dome=True, least=0.25)
 
 
 def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:

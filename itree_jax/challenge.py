@@ -88,16 +88,17 @@ def best_as_they_are(
     hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> Int[np.ndarray, "kept"]:
     """Indices of the `MOST_AS_THEY_ARE` of every region that agree best without any refinement, fine enough to see the
-    small feature that tells them apart; of the `MOST_ROUGHLY` that do so in the windows of the first round.
+    small feature that tells them apart; with a depth map of the `MOST_ROUGHLY` that do so in windows of the first round.
     """
     symmetries, diameter = prepared.symmetries, prepared.model.diameter
-    first, last = plan.turned[0], replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)
+    last = replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)
+    looks = [(plan.turned[0], prepared.rough, MOST_ROUGHLY), (last, prepared.model, MOST_AS_THEY_ARE)]
     kept = np.arange(len(hypotheses.region))
-    for step, model, most in ((first, prepared.rough, MOST_ROUGHLY), (last, prepared.model, MOST_AS_THEY_ARE)):
+    for step, model, most in looks if sight.kind == "depth" else looks[1:]:
         some = hypotheses.take(kept)
-        observed = sight.roughly_held_against if step is first else sight.held_against
         verdict, _, _ = verify(
-            some.poses, model, observed, sight.sensor.camera, step.tolerances, step.stage.size, plan.jump, sight.others
+            some.poses, model, sight.held_against, sight.sensor.camera, step.tolerances, step.stage.size, plan.jump,
+            sight.others,
         )
         kept = kept[best_of_each_region(agreement(verdict), some, most, symmetries, diameter)]
     return kept

@@ -52,6 +52,7 @@ def interpret(
     plan = sight.plan(tree.part.diameter, tree.spacing)
     rounds, keep = plan.rounds, beam.keep
     if sight.kind != "depth":
+        keep = beam.keep_by_images
         hypotheses, rounds, keep = narrow(hypotheses, prepared, sight, rounds, plan, keep), rounds[AGAIN], keep[AGAIN]
     hypotheses, judged = narrow_and_judge(hypotheses, prepared, sight, rounds, plan, keep)
     answer = Interpretation(

@@ -15,7 +15,7 @@ from itree_jax.refinement.hypotheses import (
     rough_share,
 )
 from itree_jax.refinement.likelihood import support
-from itree_jax.refinement.optimise import refine
+from itree_jax.refinement.optimise import RefineModel, refine
 from itree_jax.refinement.schedule import Round, Schedule
 from itree_jax.refinement.select import Judged
 from itree_jax.refinement.verify import Verdict, verify
@@ -28,7 +28,7 @@ def narrow(
 ) -> RegionHypotheses:
     """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan.
 
-    Rough rounds take what the sight has for them, and the rough model.
+    Rough rounds take what the sight has for them, and of the part what `rough_model_for` says.
     """
     return _narrowed(hypotheses, prepared, sight, rounds, plan, keep)[0]
 
@@ -53,7 +53,7 @@ def _narrowed(
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
         observed = sight.roughly_held_against if rough else sight.held_against
-        model = prepared.rough if rough else prepared.model
+        model = rough_model_for(sight, prepared) if rough else prepared.model
         poses = refine(
             hypotheses.poses, model, observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
@@ -74,6 +74,13 @@ def _narrowed(
     if verdict is None:
         raise ValueError("narrow needs at least one round")
     return hypotheses, verdict
+
+
+def rough_model_for(sight: Sight, prepared: Prepared) -> RefineModel:
+    """What rough rounds take for the part: where depth tells, coarse triangles and contours halfway between pixels do;
+    without a depth map contours are most of what tells poses apart.
+    """
+    return prepared.rough if sight.kind == "depth" else prepared.model
 
 
 def judge(

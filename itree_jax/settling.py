@@ -52,10 +52,10 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     """The accepted poses and their rivals, refined once more at the image's own resolution.
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
-    kept where the pose explains the scene better than before. Without a depth map it takes the poses to where they
-    stop, as often as it is asked: what else two of them differ by would be held for evidence
-    (experiments/refinement_nats.py); with one a pose is polished but once. Without a depth map it goes
-    another way too, by contours: a highlight turns a face's needles and moves its matched depth, but not its edges.
+    kept where the pose explains the scene better than before; each pose takes it but once. Without a depth map it takes
+    the poses to where they stop, as often as it is asked: what else two of them differ by would be held for evidence
+    (experiments/refinement_nats.py). There it goes another way too, by contours: a highlight turns a face's needles and
+    moves its matched depth, but not its edges.
     """
     plan, tried = plan_of(answer, sight), answer.selection.with_rivals
     if sight.kind == "depth":

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from itree_cad.symmetry import Symmetries
 
 from itree_jax import narrowing
@@ -13,12 +14,13 @@ from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.bundled import bundled_sensor
 
 
-def test_only_rough_rounds_take_the_soft_depth_and_the_rough_model(monkeypatch):
+@pytest.mark.parametrize(("kind", "mesh"), [("depth", "rough"), ("stereo", "model"), ("none", "model")])
+def test_only_rough_rounds_take_the_soft_depth_and_with_a_depth_map_the_rough_model(kind, mesh, monkeypatch):
     """The last two rounds, and with them all that judges a pose, hold all of it against what was measured well."""
     refined, verified = [], []
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
-        held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None), others=(),
+        kind=kind, held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None), others=(),
         crease=None, found=SimpleNamespace(area_px=np.ones(1)),
     )  # fmt: skip
 
@@ -43,5 +45,5 @@ def test_only_rough_rounds_take_the_soft_depth_and_the_rough_model(monkeypatch):
         verified.clear()
         narrowing.narrow(alone, part, sight, rounds, plan)
         rough = len(rounds) - 2
-        assert refined == [("rough", "coarse")] * rough + [("model", "observed")] * 2
+        assert refined == [(mesh, "coarse")] * rough + [("model", "observed")] * 2
         assert verified == refined

@@ -22,8 +22,9 @@ from itree_jax.features.inertia import face_inertia
 from itree_jax.features.rectify import affine_T, gradient_space
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.window import Window, extract_images, extract_windows
+from itree_jax.interpreting import interpret
 from itree_jax.prepared import Prepared
-from itree_jax.recognition import as_forest, interpret
+from itree_jax.recognition import as_forest
 from itree_jax.region_measures import measure_regions
 from itree_jax.report.scene_view import SceneView, scene_view
 from itree_jax.report.truth_view import TruePose

@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.report import Rate
 from itree_jax.features.window import smallest_rotation_to_z
+from itree_jax.interpreting import BY_EGI, BY_SHAPE
 from itree_jax.prepared import Prepared
-from itree_jax.recognition import BY_EGI, BY_SHAPE
 from itree_jax.region_measures import features_of, measure_regions
 from itree_jax.sight import Sight
 from itree_jax.tree.appearances import face_areas, mesh_reach, window_camera
