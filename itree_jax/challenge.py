@@ -88,7 +88,7 @@ def best_as_they_are(
     hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
 ) -> Int[np.ndarray, "kept"]:
     """Indices of the `MOST_AS_THEY_ARE` of every region that agree best without any refinement, fine enough to see the
-    small feature that tells them apart; with a depth map of the `MOST_ROUGHLY` that do so in windows of the first round.
+    small feature that tells them apart; with a depth map of the `MOST_ROUGHLY` that do so in the first round's windows.
     """
     symmetries, diameter = prepared.symmetries, prepared.model.diameter
     last = replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)

@@ -20,8 +20,8 @@ def test_only_rough_rounds_take_the_soft_depth_and_with_a_depth_map_the_rough_mo
     refined, verified = [], []
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
-        kind=kind, held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None), others=(),
-        crease=None, found=SimpleNamespace(area_px=np.ones(1)),
+        kind=kind, held_against="observed", roughly_held_against="coarse", sensor=SimpleNamespace(camera=None),
+        others=(), crease=None, found=SimpleNamespace(area_px=np.ones(1)),
     )  # fmt: skip
 
     def refine(poses, model, observed, *_):
