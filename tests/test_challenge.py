@@ -129,6 +129,8 @@ def test_only_a_depth_maps_pixels_are_taken_to_err_independently_at_last(read, e
     plan = plan_of(answer, replace(sight, edge_reach=edge_reach))
     assert plan.deviations.depth_bias > 0.0
     assert plan.independent.depth_bias == (plan.deviations.depth_bias if edge_reach else 0.0)
+    assert plan.deviations.grazing == 1.0
+    assert (plan.independent.grazing < 1.0) == (edge_reach == 0.0)  # and along their rays
     assert plan.last.size > plan.rounds[-1].stage.size
 
 

@@ -7,6 +7,7 @@ A pose moves by a twist (omega [rad], v [mm]) in the camera frame about the part
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int
 
 from itree_jax.refinement.information import (
@@ -54,6 +55,7 @@ class Deviations(NamedTuple):
     contour: Float[Array, ""]  # [px]
     contour_bias: Float[Array, ""]  # shared by a contour [px]
     contour_gate: Float[Array, ""]  # [px]
+    grazing: Float[Array, ""] = np.float32(1.0)  # see `variance_across`; 1: depths are worth the same on every surface
 
 
 class NormalEquations(NamedTuple):
@@ -118,19 +120,32 @@ def depth_equations(
     direction = sight(camera, window.uv)
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
     gap = window.depth - predicted.depth
-    residual = gap * jnp.sum(normal * direction, axis=-1)
-    weight = depth_weights(predicted, window, residual, deviations)
+    facing = jnp.sum(normal * direction, axis=-1)
+    residual = gap * facing
+    weight = depth_weights(predicted, window, residual, facing, deviations)
     arm = unproject(camera, window.uv, predicted.depth) - t_cam_obj
     jacobian = -jnp.concatenate([jnp.cross(arm, normal), normal], axis=-1)
     return _sums(jacobian.reshape(-1, 6), residual.reshape(-1), weight.reshape(-1))
 
 
+def variance_across(facing: Float[Array, "*n"], grazing: Float[Array, ""]) -> Float[Array, "*n"]:
+    """Variance of a depth's error as it shows across a surface, beside that of one which faces the camera.
+
+    A depth camera errs along its rays: across a surface seen at a slant that is less, by the cosine (`facing`), down to
+    a share `grazing` of the variance, as rasters and lateral errors are left.
+    """
+    return grazing + (1.0 - grazing) * jnp.square(facing)
+
+
 def depth_weights(
-    predicted: Predicted, window: WindowObservations, residual: Float[Array, "s s"], deviations: Deviations
+    predicted: Predicted, window: WindowObservations, residual: Float[Array, "s s"], facing: Float[Array, "s s"],
+    deviations: Deviations,
 ) -> Float[Array, "s s"]:
     """How much each pixel's depth counts [1 / mm^2] beside the depths that share its bias."""
     valid = (predicted.triangle >= 0) & (window.depth > 0)
-    robust = jnp.where(valid, tukey(jnp.square(residual / deviations.depth_gate)), 0.0)
+    variance = variance_across(facing, deviations.grazing)
+    robust = tukey(jnp.square(residual / deviations.depth_gate) / variance) / variance
+    robust = jnp.where(valid, robust, 0.0)
     count = jnp.sum(robust)
     return robust / (jnp.square(deviations.depth) + count * jnp.square(deviations.depth_bias))
 
@@ -219,7 +234,7 @@ def measured_information(
     """
     gap = window.depth - predicted.depth
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
-    off = gap * jnp.sum(normal * sight(camera, window.uv), axis=-1)
+    facing = jnp.sum(normal * sight(camera, window.uv), axis=-1)
     match = matched_contour(predicted, observed, deviations)
 
     def on_surface(uv: Float[Array, "n 2"], depth: Float[Array, "n"], triangle: Int[Array, "n"]):
@@ -230,8 +245,9 @@ def measured_information(
     inner, fine = on_surface(match.uv, match.depth, inside_of_contour(predicted.depth, predicted.triangle))
     reach = AT_OUTLINE * (window.uv[0, 1, 0] - window.uv[0, 0, 0]) * fine
     by_depth = measured(
-        depth_jacobian(points)[:, None], depth_weights(predicted, window, off, deviations).reshape(-1), points.face,
-        MOST_FACES, deviations.depth, deviations.depth_bias,
+        depth_jacobian(points)[:, None],
+        depth_weights(predicted, window, gap * facing, facing, deviations).reshape(-1), points.face, MOST_FACES,
+        deviations.depth, deviations.depth_bias,
     )
     by_needles = measured(
         needle_jacobian(points, pitch), needle_weights(predicted, window, normal, deviations, gap).reshape(-1),

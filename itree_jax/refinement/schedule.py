@@ -21,6 +21,7 @@ NEEDLE_PIXEL = np.radians(3.0)  # of one pixel, noise and raster together
 EDGE_PIXEL = 0.5  # [px] an occluding edge lies anywhere between two pixels
 EDGE_BIAS = 0.15  # [px] shared by a contour
 EDGE_STD = 0.7  # [px] of an edge beside a pose's contour: half a pixel of its own and as much of the pose's
+RASTER = 0.1  # [px] that a depth is off by sideways, at least: what is left of its error on a surface seen edge-on
 DEPTH_BIAS = 0.15  # of the depth noise: what a depth camera's neighbouring pixels share
 FACE_TURNED = np.radians(8.0)  # what a highlight or a corner's reflections turn all needles of a face by
 FACE_MOVED = 10.0  # times what matched depth is off by else: a highlight lies behind a curved face, or before it
@@ -47,7 +48,7 @@ class Schedule:
     turned: tuple[Round, ...]  # of accepted poses turned about their main axes
     last: Stage  # of the answers and their rivals, at the image's resolution
     deviations: Deviations
-    independent: Deviations  # of the last stage: a depth map's pixels may err independently
+    independent: Deviations  # of the last stage: a depth map's pixels may err independently, and along their rays
     by_contours: tuple[Stage, Deviations] | None  # another last stage, where whole faces' needles and depth may be off
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
@@ -111,16 +112,17 @@ def schedule(
         Round(Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 2, rounds[3].tolerances),
         Round(polish, 2, rounds[4].tolerances),
     )
-    values = (max(noise, 0.1 * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
+    values = (max(noise, RASTER * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)
     reckoned = (np.hypot(noise, bias), np.hypot(NEEDLE_PIXEL, NEEDLE_BIAS), diameter, pitch, EDGE_STD if edge else 0.0)
     errors = SensorErrors(*(np.asarray(v, np.float32) for v in reckoned))
     deviations = Deviations(*(np.asarray(v, np.float32) for v in values))
     if edge == 0.0:
         by_contours = None
-        independent = deviations._replace(depth_bias=np.zeros((), np.float32))
+        along_rays = np.asarray((RASTER * pitch / values[0]) ** 2, np.float32)
+        independent = deviations._replace(depth_bias=np.zeros((), np.float32), grazing=along_rays)
         narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
-        last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
+        last = Stage(2, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
     else:  # matched depth errs together over whole faces: no reason to believe it more
         independent = deviations
         last = Stage(6, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)

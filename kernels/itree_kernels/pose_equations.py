@@ -23,9 +23,10 @@ from itree_kernels.windows import Windows
 class Gates:
     """Beyond them an observation belongs to something else."""
 
-    depth: float  # [mm]
+    depth: float  # [mm], of a surface that faces the camera
     needle: float  # length of a difference of unit normals
     contour: float  # [px]
+    grazing: float  # of the variance of a depth across its surface, what is left where the surface is seen edge-on
 
 
 @wp.struct
@@ -54,6 +55,13 @@ def tukey(squared: float) -> float:
 
 
 @wp.func
+def variance_across(normal: wp.vec3, X: wp.vec3, grazing: float, orthographic: int) -> float:
+    """Of a depth's error as it shows across a surface, beside that of one which faces the camera."""
+    facing = wp.where(orthographic == 1, normal[2], wp.dot(normal, X) / wp.max(X[2], 1.0))
+    return grazing + (1.0 - grazing) * facing * facing
+
+
+@wp.func
 def push_of(X: wp.vec3, direction: wp.vec2, camera: wp.vec4, orthographic: int) -> wp.vec3:
     """How far [px] along an image direction a point's image moves per mm of the point, by axis."""
     scale = wp.where(orthographic == 1, 1.0, wp.max(X[2], 1.0))
@@ -61,19 +69,6 @@ def push_of(X: wp.vec3, direction: wp.vec2, camera: wp.vec4, orthographic: int) 
     b = direction[1] * camera[1] / scale
     slope = wp.where(orthographic == 1, 0.0, -(a * X[0] + b * X[1]) / scale)
     return wp.vec3(a, b, slope)
-
-
-@wp.func
-def of_blocks(turns: wp.mat33, turns_shifts: wp.mat33, shifts: wp.mat33) -> wp.spatial_matrix:
-    """The symmetric matrix of these blocks, the first ones above."""
-    whole = wp.spatial_matrix()
-    for a in range(3):
-        for b in range(3):
-            whole[a, b] = turns[a, b]
-            whole[a, b + 3] = turns_shifts[a, b]
-            whole[b + 3, a] = turns_shifts[a, b]
-            whole[a + 3, b + 3] = shifts[a, b]
-    return whole
 
 
 @wp.kernel(enable_backward=False)
@@ -115,52 +110,13 @@ def equations_kernel(
     v = origin_uv[h][1] + stride * float(i)
 
     depth_count = wp.float32(0.0)
-    turns = wp.mat33()
-    turns_shifts = wp.mat33()
-    shifts = wp.mat33()
-    gradient_turn = wp.vec3()
-    gradient_shift = wp.vec3()
+    depth_hessian = wp.spatial_matrix()
+    depth_gradient = wp.spatial_vector()
     needle_count = wp.float32(0.0)
     needle_outer = wp.mat33()
     needle_gradient = wp.vec3()
-    # along a row neighbours lie on one face: their sums need its normal but once
-    on = wp.int32(-1)
-    normal = wp.vec3()
-    w_sum = wp.float32(0.0)
-    w_arm = wp.vec3()
-    w_arms = wp.mat33()
-    wr_sum = wp.float32(0.0)
-    wr_arm = wp.vec3()
-    needle_sum = wp.float32(0.0)
-    needle_differ = wp.vec3()
-    for j in range(size + 1):
-        face = wp.int32(-1)
-        if j < size:
-            face = triangle[h, i, j]
-        if face != on:
-            if w_sum > 0.0:
-                across = wp.cross(w_arm, normal)
-                N = wp.skew(normal)
-                depth_count += w_sum
-                turns += N * w_arms * wp.transpose(N)
-                turns_shifts += wp.outer(across, normal)
-                shifts += wp.outer(w_sum * normal, normal)
-                gradient_turn -= wp.cross(wr_arm, normal)
-                gradient_shift -= wr_sum * normal
-                w_sum = wp.float32(0.0)
-                w_arm = wp.vec3()
-                w_arms = wp.mat33()
-                wr_sum = wp.float32(0.0)
-                wr_arm = wp.vec3()
-            if needle_sum > 0.0:
-                needle_count += needle_sum
-                needle_outer += wp.outer(needle_sum * normal, normal)
-                needle_gradient += wp.cross(needle_differ, normal)
-                needle_sum = wp.float32(0.0)
-                needle_differ = wp.vec3()
-            on = face
-            if face >= 0:
-                normal = R * normal_obj[face]
+    for j in range(size):
+        face = triangle[h, i, j]
         if face >= 0:
             X = surface_point(u_first + stride * float(j), v, depth[h, i, j], camera, orthographic)
             arm = turn * (X - t_cast)
@@ -169,29 +125,29 @@ def equations_kernel(
             column = int(wp.rint(uv[0]))
             row = int(wp.rint(uv[1]))
             if column >= 0 and column < width and row >= 0 and row < height:
+                normal = R * normal_obj[face]
                 z = maps.depth[row, column]
                 if z > 0.0:
                     X_seen = surface_point(float(column), float(row), z, camera, orthographic)
                     residual = wp.dot(normal, X_seen - X)
-                    off = residual / gates.depth
-                    w = tukey(off * off)
+                    variance = variance_across(normal, X, gates.grazing, orthographic)
+                    w = tukey(residual * residual / (gates.depth * gates.depth * variance)) / variance
                     if w > 0.0:
-                        weighed = w * arm
-                        w_sum += w
-                        w_arm += weighed
-                        w_arms += wp.outer(weighed, arm)
-                        wr_sum += w * residual
-                        wr_arm += residual * weighed
+                        J = -wp.spatial_vector(wp.cross(arm, normal), normal)
+                        depth_count += w
+                        depth_hessian += wp.outer(w * J, J)
+                        depth_gradient += (w * residual) * J
                 believed = maps.needle_weight[row, column]
                 if believed > 0.0 and (z <= 0.0 or wp.abs(z - X[2]) < gates.depth):
                     differ = maps.normals[row, column] - normal
                     w = believed * tukey(wp.length_sq(differ) / (gates.needle * gates.needle))
-                    needle_sum += w
-                    needle_differ += w * differ
+                    needle_count += w
+                    needle_outer += wp.outer(w * normal, normal)
+                    needle_gradient += w * wp.cross(differ, normal)
     sums.depth_count[view, h, i] = depth_count
     if depth_count > 0.0:
-        sums.depth_hessian[view, h, i] = of_blocks(turns, turns_shifts, shifts)
-        sums.depth_gradient[view, h, i] = wp.spatial_vector(gradient_turn, gradient_shift)
+        sums.depth_hessian[view, h, i] = depth_hessian
+        sums.depth_gradient[view, h, i] = depth_gradient
     sums.needle_count[view, h, i] = needle_count
     if needle_count > 0.0:
         sums.needle_outer[view, h, i] = needle_outer
@@ -245,10 +201,10 @@ def row_sums(views: int, count: int, size: int, device: str):
     return sums
 
 
-def gates_of(depth: float, needle: float, contour: float):
+def gates_of(depth: float, needle: float, contour: float, grazing: float = 1.0):
     """Gates of one step."""
     gates = Gates()
-    gates.depth, gates.needle, gates.contour = depth, needle, contour
+    gates.depth, gates.needle, gates.contour, gates.grazing = depth, needle, contour, grazing
     return gates
 
 

@@ -104,8 +104,8 @@ def discounted(robust: np.ndarray, std: float, bias: float) -> np.ndarray:
     return robust / (std**2 + robust.sum() * bias**2)
 
 
-def depth_terms(case: Case):
-    """Residuals [mm] as a function of the twist, and their weights."""
+def depth_terms(case: Case, grazing: float = 1.0):
+    """Residuals [mm] as a function of the twist, and their weights: those of errors along the rays, seen across."""
     seen = at_window(case, case.observed.depth)
     valid = (case.predicted.triangle >= 0) & (seen > 0)
     uv = window_uv(case)
@@ -116,7 +116,10 @@ def depth_terms(case: Case):
     def residual(twist):
         return np.sum(normal * (X_seen - moved(X_model, case, twist)), axis=-1)[valid]
 
-    robust = biweight(residual(np.zeros(6)), VALUES["depth_gate"])
+    along = X_seen - X_model
+    facing = np.sum(normal * along, axis=-1)[valid] / along[valid][:, 2]
+    across = np.sqrt(grazing + (1.0 - grazing) * facing**2)
+    robust = biweight(residual(np.zeros(6)) / across, VALUES["depth_gate"]) / across**2
     return residual, discounted(robust, VALUES["depth"], VALUES["depth_bias"])
 
 
@@ -177,12 +180,13 @@ def all_equations(R, t, predicted, observed, normal_obj, camera, deviations):
     }
 
 
-def equations(case: Case) -> dict:
+def equations(case: Case, grazing: float = 1.0) -> dict:
     """What the compiled functions make of the case, in float64."""
     with jax.enable_x64(True):
         c = case.camera
         camera = CameraArrays(*(jnp.asarray(v, float) for v in (c.fx, c.fy, c.cx, c.cy, float(not c.is_orthographic))))
-        deviations = Deviations(**{name: jnp.asarray(value) for name, value in VALUES.items()})
+        values = VALUES | {"grazing": grazing}
+        deviations = Deviations(**{name: jnp.asarray(value) for name, value in values.items()})
         predicted = Predicted(*(jnp.asarray(a) for a in case.predicted))
         observed = ObservedMaps(*(jnp.asarray(a) for a in case.observed))
         R, t, normal_obj = (jnp.asarray(a) for a in (case.R, case.t, case.normal_obj))
@@ -205,6 +209,18 @@ def test_equations_are_those_of_the_residuals(camera, term):
     np.testing.assert_array_equal(information, hessian)  # without a smooth surface
     np.testing.assert_array_equal(spread, hessian)
     np.testing.assert_allclose(cost, np.sum(weight * residual(np.zeros(6)) ** 2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("grazing", [0.02, 0.3])
+def test_depths_that_err_along_their_rays_count_more_where_the_surface_is_slanted(camera, grazing):
+    case = random_case(CAMERAS[camera], seed=7)
+    residual, weight = depth_terms(case, grazing)
+    hessian, gradient, *_ = equations(case, grazing)["depth"]
+    expected_hessian, expected_gradient = numeric_equations(residual, weight)
+    np.testing.assert_allclose(hessian, expected_hessian, rtol=1e-6, atol=1e-9 * np.abs(expected_hessian).max())
+    np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-6, atol=1e-9 * np.abs(expected_gradient).max())
+    assert np.abs(hessian / equations(case)["depth"][0] - 1.0).max() > 0.01  # it does make a difference
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
