@@ -157,8 +157,9 @@ def _refine_stage(
 
     def refine_some(first: int, last: int) -> None:
         for k in range(stage.steps):
-            at = (ramp(g, k, stage.steps) for g in (stage.depth_gate, stage.needle_gate, stage.contour_gate))
-            gates = gates_of(*at, float(deviations.grazing))
+            ends = (stage.depth_gate, stage.needle_gate, stage.contour_gate)
+            depth, needle, contour = (ramp(gate, k, stage.steps) for gate in ends)
+            gates = gates_of(depth, needle, contour, float(deviations.grazing))
             for view, by in enumerate(views):
                 follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
                 if any_stale(seen[view], first, last):

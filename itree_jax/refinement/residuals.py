@@ -55,7 +55,7 @@ class Deviations(NamedTuple):
     contour: Float[Array, ""]  # [px]
     contour_bias: Float[Array, ""]  # shared by a contour [px]
     contour_gate: Float[Array, ""]  # [px]
-    grazing: Float[Array, ""] = np.float32(1.0)  # see `variance_across`; 1: depths are worth the same on every surface
+    grazing: Float[Array, ""] | np.float32 = np.float32(1.0)  # see `variance_across`; 1: worth the same on every surface
 
 
 class NormalEquations(NamedTuple):
@@ -128,7 +128,7 @@ def depth_equations(
     return _sums(jacobian.reshape(-1, 6), residual.reshape(-1), weight.reshape(-1))
 
 
-def variance_across(facing: Float[Array, "*n"], grazing: Float[Array, ""]) -> Float[Array, "*n"]:
+def variance_across(facing: Float[Array, "*n"], grazing: Float[Array, ""] | np.float32) -> Float[Array, "*n"]:
     """Variance of a depth's error as it shows across a surface, beside that of one which faces the camera.
 
     A depth camera errs along its rays: across a surface seen at a slant that is less, by the cosine (`facing`), down to
