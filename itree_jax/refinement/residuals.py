@@ -55,7 +55,7 @@ class Deviations(NamedTuple):
     contour: Float[Array, ""]  # [px]
     contour_bias: Float[Array, ""]  # shared by a contour [px]
     contour_gate: Float[Array, ""]  # [px]
-    grazing: Float[Array, ""] | np.float32 = np.float32(1.0)  # see `variance_across`; 1: worth the same on every surface
+    grazing: Float[Array, ""] | np.float32 = np.float32(1.0)  # see `variance_across`; 1: the same on every surface
 
 
 class NormalEquations(NamedTuple):
