@@ -31,7 +31,7 @@ from itree_jax.refinement.scoring import SCORINGS
 from itree_jax.refinement.select import EXPLAINED
 from itree_jax.root_answer import NO_PART
 from itree_jax.sensor import Sensor
-from itree_jax.settling import settled
+from itree_jax.settling import exact, settled
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.batches import on_all_cores
@@ -141,12 +141,12 @@ def read_scene(
     asked = ask(forest, images, sight)
     topmost = None if picks is None else read_topmost(forest, sight, asked, picks)
     if topmost is not None:
-        return topmost, sight
+        return exact(topmost, sight), sight
     answers = read(forest, sight, asked, FIRST)
     before = sight
     images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
     again = answers if sight is before else compete([seen_again(a, sight) for a in answers], sight)
-    return settled(search_deeper(forest, images, sight, again), sight), sight
+    return exact(settled(search_deeper(forest, images, sight, again), sight), sight), sight
 
 
 def look_again(

@@ -13,7 +13,8 @@ from itree_jax.least_told import moved_along_least_told
 from itree_jax.narrowing import judge
 from itree_jax.own_axis import turned_to_likeliest
 from itree_jax.refinement.hypotheses import joined
-from itree_jax.refinement.optimise import refine
+from itree_jax.refinement.optimise import Hypotheses, refine
+from itree_jax.refinement.pose_distance import same_part_distance
 from itree_jax.sight import Sight
 from itree_jax.tree.batches import on_all_cores
 
@@ -79,3 +80,36 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     moved = np.flatnonzero(best)
     better = (best[moved] - 1) * len(tried) + moved
     return with_more(without(answer, tried[moved]), after.take(better), judged.take(better), sight)
+
+
+def exact(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:
+    """The accepted poses where a depth map has them most exactly, once it is settled which are right.
+
+    A depth camera errs along its rays, so that pixels of slanted surfaces count for more (`residuals.variance_across`).
+    What tells poses apart reckons with needles too, pixel by pixel, and may hold a pose that follows depth for less
+    likely than one a little beside it: this step asks no likelihood, and moves no pose by more than a pixel's depth is
+    off by.
+    """
+    return each(moved_exactly, answers, sight)
+
+
+def moved_exactly(answer: Interpretation, sight: Sight) -> Interpretation:
+    """See `exact`."""
+    plan, accepted = plan_of(answer, sight), answer.selection.accepted
+    if plan.exact is None or not len(accepted):
+        return answer
+    stage, deviations = plan.exact
+    prepared, model, hypotheses = answer.prepared, answer.prepared.model, answer.hypotheses
+    before = hypotheses.take(accepted).poses
+    after = refine(
+        before, model, sight.held_against, sight.sensor.camera, deviations, [stage], plan.jump, sight.others,
+        sight.crease,
+    )
+    near = np.array([
+        same_part_distance(R[None], t[None], R_before, t_before, prepared.symmetries, model.diameter)[0] < sight.noise
+        for R, t, R_before, t_before in zip(*after, *before, strict=True)
+    ])
+    R, t = (np.array(pose) for pose in hypotheses.poses)
+    R[accepted[near]], t[accepted[near]] = after.R_cam_obj[near], after.t_cam_obj[near]
+    selection = answer.selection
+    return replace(answer, hypotheses=hypotheses._replace(poses=Hypotheses(R, t)), select=lambda: selection)

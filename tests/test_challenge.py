@@ -12,7 +12,7 @@ from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.hypotheses import joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
-from itree_jax.settling import polished, settled
+from itree_jax.settling import exact, polished, settled
 
 from .accepted import only
 
@@ -123,14 +123,31 @@ def test_polishing_leaves_alone_what_it_would_make_less_likely(read):
     assert after.judged.log_likelihood[after.selection.accepted].max() >= before
 
 
+def test_at_the_very_last_poses_are_moved_by_less_than_noise_and_who_is_right_stays_as_it_was(read):
+    answer, sight, truth = read
+    off = Rotation.from_rotvec(np.radians([0.06, -0.05, 0.06])).as_matrix()
+    beside = only(answer, sight, off @ truth.R_cam_obj, truth.t_cam_obj + np.full(3, 0.05))
+    (found,) = exact([beside], sight)
+    assert turn_between(best(found)[0], truth.R_cam_obj) < 0.5 * turn_between(best(beside)[0], truth.R_cam_obj)
+    assert found.selection is beside.selection
+    assert found.judged is beside.judged
+    far = only(answer, sight, truth.R_cam_obj, truth.t_cam_obj + [0.0, 0.0, 3.0 * sight.noise])
+    for before, after in zip(far.hypotheses.poses, exact([far], sight)[0].hypotheses.poses, strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_matched_depth_moves_nothing_at_the_very_last(read):
+    answer, sight, _ = read
+    assert exact([answer], replace(sight, edge_reach=2.0))[0] is answer
+
+
 @pytest.mark.parametrize("edge_reach", [0.0, 2.0])
 def test_only_a_depth_maps_pixels_are_taken_to_err_independently_at_last(read, edge_reach):
     answer, sight, _ = read
     plan = plan_of(answer, replace(sight, edge_reach=edge_reach))
     assert plan.deviations.depth_bias > 0.0
     assert plan.independent.depth_bias == (plan.deviations.depth_bias if edge_reach else 0.0)
-    assert plan.deviations.grazing == 1.0
-    assert (plan.independent.grazing < 1.0) == (edge_reach == 0.0)  # and along their rays
+    assert (plan.exact is None) == (edge_reach > 0.0)  # and along their rays
     assert plan.last.size > plan.rounds[-1].stage.size
 
 

@@ -48,7 +48,8 @@ class Schedule:
     turned: tuple[Round, ...]  # of accepted poses turned about their main axes
     last: Stage  # of the answers and their rivals, at the image's resolution
     deviations: Deviations
-    independent: Deviations  # of the last stage: a depth map's pixels may err independently, and along their rays
+    independent: Deviations  # of the last stage: a depth map's pixels may err independently
+    exact: tuple[Stage, Deviations] | None  # a word more on the answers, where a depth map errs along its rays
     by_contours: tuple[Stage, Deviations] | None  # another last stage, where whole faces' needles and depth may be off
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
@@ -119,14 +120,15 @@ def schedule(
     deviations = Deviations(*(np.asarray(v, np.float32) for v in values))
     if edge == 0.0:
         by_contours = None
-        along_rays = np.asarray((RASTER * pitch / values[0]) ** 2, np.float32)
-        independent = deviations._replace(depth_bias=np.zeros((), np.float32), grazing=along_rays)
+        independent = deviations._replace(depth_bias=np.zeros((), np.float32))
         narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
-        last = Stage(2, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
+        last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
+        along_rays = np.asarray((RASTER * pitch / values[0]) ** 2, np.float32)
+        exact = replace(last, steps=2), independent._replace(grazing=along_rays)
     else:  # matched depth errs together over whole faces: no reason to believe it more
-        independent = deviations
+        independent, exact = deviations, None
         last = Stage(6, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
         moved, turned_by = (np.asarray(v, np.float32) for v in (FACE_MOVED * bias, FACE_TURNED))
         astray = deviations._replace(depth_bias=moved, needle_bias=turned_by)
         by_contours = replace(last, contour_gate=(DEPTH_EDGE_GATE, last_gate)), astray
-    return Schedule(rounds, turned, last, deviations, independent, by_contours, errors, jump, 96)
+    return Schedule(rounds, turned, last, deviations, independent, exact, by_contours, errors, jump, 96)
