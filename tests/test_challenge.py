@@ -131,7 +131,7 @@ def test_at_the_very_last_poses_are_moved_by_less_than_noise_and_who_is_right_st
     assert turn_between(best(found)[0], truth.R_cam_obj) < 0.5 * turn_between(best(beside)[0], truth.R_cam_obj)
     assert found.selection is beside.selection
     assert found.judged is beside.judged
-    far = only(answer, sight, truth.R_cam_obj, truth.t_cam_obj + [0.0, 0.0, 3.0 * sight.noise])
+    far = only(answer, sight, truth.R_cam_obj, truth.t_cam_obj + 3.0 * sight.noise * np.eye(3)[2])
     for before, after in zip(far.hypotheses.poses, exact([far], sight)[0].hypotheses.poses, strict=True):
         np.testing.assert_array_equal(before, after)
 
