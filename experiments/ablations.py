@@ -25,7 +25,7 @@ from evaluate_scenes import run, scenes_of_parts
 from quality.comparison import compare_configurations
 from true_scenes import prepared_scenes
 
-from itree_jax import challenge, competition, interpreting, narrowing, recognition, settling
+from itree_jax import competition, interpreting, narrowing, recognition, settling
 from itree_jax.answers import Interpretation
 from itree_jax.cli.scene_answer import load_with_trees, recognize_scene, with_depth_from
 from itree_jax.refinement.hypotheses import RegionHypotheses
@@ -77,6 +77,12 @@ def no_challenge() -> Iterator[None]:
 
 
 @contextmanager
+def no_very_last_step() -> Iterator[None]:
+    with patch.object(recognition, "exact", lambda answers, sight: answers):
+        yield
+
+
+@contextmanager
 def no_verification() -> Iterator[None]:
     """Every region answers with its likeliest attitude: nothing competes."""
 
@@ -97,8 +103,7 @@ def no_verification() -> Iterator[None]:
         return [taken(a.judged, a.hypotheses) for a in answers]
 
     with ExitStack() as stack:
-        for module in (interpreting, challenge):
-            stack.enter_context(patch.object(module, "select", lambda judged, _, given, __: taken(judged, given)))
+        stack.enter_context(patch.object(competition, "select", lambda judged, _, given, __: taken(judged, given)))
         stack.enter_context(patch.object(competition, "selections", of_all))
         stack.enter_context(patch.object(Selection, "from_score", lambda selection, least: selection))
         stack.enter_context(no_backtracking())
@@ -119,6 +124,7 @@ CONFIGURATIONS: dict[str, Callable[[], Any]] = {
     "everything": everything,
     "no backtracking": no_backtracking,
     "no challenge": no_challenge,
+    "no very last step": no_very_last_step,
     "no refinement": no_refinement,
     "no verification": no_verification,
     "no reflectance": no_reflectance,

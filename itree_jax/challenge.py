@@ -1,13 +1,12 @@
 """Accepted poses are challenged by those that they are easily mistaken for: turned about the part's main axes."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 from jaxtyping import Int
 
 from itree_jax.answers import Interpretation
-from itree_jax.competition import select
+from itree_jax.competition import when_asked
 from itree_jax.narrowing import judge, narrow, narrow_and_judge, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
@@ -141,8 +140,7 @@ def with_more(
 
 def with_selection(answer: Interpretation, sight: Sight) -> Interpretation:
     """The interpretation, its hypotheses selected as soon as that is asked for, were they alone."""
-    prepared, hypotheses, judged = answer.prepared, answer.hypotheses, answer.judged
-    return replace(answer, select=cache(lambda: select(judged, prepared, hypotheses, sight)))
+    return replace(answer, select=when_asked(answer.judged, answer.prepared, answer.hypotheses, sight))
 
 
 def without(answer: Interpretation, index: Int[np.ndarray, "left_out"]) -> Interpretation:

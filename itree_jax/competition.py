@@ -1,6 +1,7 @@
 """Which poses explain the scene together: hypotheses of one part, of several parts, and of several readings."""
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from math import dist
 
 import numpy as np
@@ -19,6 +20,13 @@ def select(judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sig
     collide = collisions([(prepared, hypotheses, judged)])
     camera = sight.sensor.camera
     return select_jointly([judged], (camera.height, camera.width), collide, SCORINGS[sight.kind])[0]
+
+
+def when_asked(
+    judged: Judged, prepared: Prepared, hypotheses: RegionHypotheses, sight: Sight
+) -> Callable[[], Selection]:
+    """The same, selected as soon as it is asked for, and once."""
+    return cache(lambda: select(judged, prepared, hypotheses, sight))
 
 
 def compete(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:

@@ -1,7 +1,5 @@
 """What one tree makes of regions: groups, attitudes, poses that are refined and verified (Ikeuchi 1987, sec. 3)."""
 
-from functools import cache
-
 import jax
 import numpy as np
 from jaxtyping import Float, Int
@@ -10,7 +8,7 @@ from itree_jax.answers import Interpretation
 from itree_jax.at_a_glance import best_at_a_glance
 from itree_jax.backtracking import Beam, likeliest
 from itree_jax.challenge import challenged
-from itree_jax.competition import select
+from itree_jax.competition import when_asked
 from itree_jax.narrowing import narrow, narrow_and_judge
 from itree_jax.open_places import every_attitude, open_places
 from itree_jax.prepared import Prepared
@@ -57,7 +55,7 @@ def interpret(
     hypotheses, judged = narrow_and_judge(hypotheses, prepared, sight, rounds, plan, keep)
     answer = Interpretation(
         prepared, part, asked, features, classification, hypotheses, judged,
-        cache(lambda: select(judged, prepared, hypotheses, sight)), sight.found, said,
+        when_asked(judged, prepared, hypotheses, sight), sight.found, said,
     )
     return challenged(answer, sight)
 

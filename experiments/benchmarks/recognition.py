@@ -24,7 +24,7 @@ from unittest.mock import patch
 
 import tyro
 
-from itree_jax import challenge, interpreting, narrowing, own_axis, reading_order, recognition, settling
+from itree_jax import challenge, competition, interpreting, narrowing, own_axis, reading_order, recognition, settling
 from itree_jax.cli.runtime import start_jax
 from itree_jax.prepared import PreparedForest, prepare_forest
 from itree_jax.results import read_bop_csv
@@ -41,8 +41,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "verification": ((narrowing, "verify"), (challenge, "verify")),
     "likelihood": ((narrowing, "support"), (own_axis, "support")),
     "selection": (
-        (interpreting, "select"), (challenge, "select"), (reading_order, "compete"), (recognition, "compete"),
-        (settling, "compete"),
+        (competition, "select"), (reading_order, "compete"), (recognition, "compete"), (settling, "compete"),
     ),
     "what is left over": ((recognition, "left_over"),),
     "deviations, paths": ((recognition, "detections_of"),),
