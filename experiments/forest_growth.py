@@ -232,7 +232,7 @@ def ratio_line(r: dict[str, Any]) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Seconds of a scene to the left, memory to the right, over the number of parts."""
+    """Processor seconds of a scene to the left, memory to the right, over the number of parts."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.4, 3.4), layout="constrained")
@@ -241,7 +241,6 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     parts = [r.parts for r in rows]
     lines = [
         *seconds.plot(parts, [r.cpu_seconds for r in rows], "o-", color="#0072b2", label="CPU s per scene"),
-        *seconds.plot(parts, [r.seconds for r in rows], "o:", color="#0072b2", label="s per scene, by the clock"),
         *memory.plot(parts, [r.resident_mb for r in rows], "s-", color="#d55e00", label="memory of the process"),
         *memory.plot(parts, [r.tree_mb for r in rows], "s:", color="#d55e00", label="arrays of the trees"),
     ]
@@ -249,10 +248,10 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     seconds.set_xticks(parts, [f"{n}" for n in parts])
     seconds.xaxis.minorticks_off()
     seconds.grid(color="#dddddd")
-    seconds.set_ylabel("seconds", color="#0072b2")
+    seconds.set_ylabel("CPU seconds", color="#0072b2")
     memory.set_ylabel("MB", color="#d55e00")
     memory.set_ylim(0, None)
-    figure.legend(handles=lines, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    figure.legend(handles=lines, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
     figure.savefig(path, dpi=100)
 
 
