@@ -102,7 +102,8 @@ def main(config: Config) -> None:
             rows.append(measure(everything, False, 0.0, scenes, config.runs))
             print(as_table(rows[-1:], head=False), flush=True)
     config.out.parent.mkdir(parents=True, exist_ok=True)
-    said = {"config": {k: str(v) for k, v in asdict(config).items()}, "rows": [asdict(row) for row in rows]}
+    told = {k: str(v) for k, v in asdict(config).items() if k not in ("out", "cache")}
+    said = {"config": told, "rows": [asdict(row) for row in rows]}
     config.out.write_text(json.dumps(said | {"ratios": ratios(rows)}, indent=1) + "\n")
     draw([row for row in rows if row.root], config.out.with_suffix(".png"))
     print("\n" + as_table(rows, head=True) + "\n\n" + "\n".join(ratio_line(r) for r in ratios(rows)))

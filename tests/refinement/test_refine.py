@@ -123,7 +123,7 @@ def test_a_step_is_the_one_that_the_equations_ask_for(bracket, orthographic, gra
 
 def test_noise_along_the_rays_is_weighed_by_slant(bracket):
     """Weights by the variance across each surface are the best there are (Gauss, Markov): over draws of a depth map's
-    noise poses are off by less than with the same weight for all, by what the equations' covariances say.
+    noise poses are off by less than with the same weight for all.
     """
     R, noise = ATTITUDES[1], 0.3
     t = centred(bracket, R)
