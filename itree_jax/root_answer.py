@@ -43,7 +43,10 @@ def root_quantities(features: RegionFeatures) -> tuple[Float[Array, "regions d"]
 
 
 def root_steps(root: Root, said: RootAnswer, region: int, part: int) -> tuple[Step, ...]:
-    """The root as the first step of a decision path to a part; nothing where there is but one part."""
+    """The root as the first step of a decision path to a part; nothing where there is but one part.
+
+    It reads the same in whatever order the trees come.
+    """
     if len(root.names) < 2:
         return ()
     rules = [ROOT_RULES[r] for r in rules_of(root.rule)]
@@ -55,13 +58,14 @@ def root_steps(root: Root, said: RootAnswer, region: int, part: int) -> tuple[St
     log_p, left = said.log_posterior[region], np.flatnonzero(said.left[region])
     others = np.delete(log_p, part)
     names = (*root.names, NONE)
-    likeliest = np.argsort(-log_p, kind="stable")[:MOST_NAMED]
+    posterior = [round(float(p), 4) for p in np.exp(log_p)]
+    likeliest = sorted(range(len(names)), key=lambda k: (-posterior[k], names[k]))[:MOST_NAMED]
     return (Step(
         node=ROOT, rule=root.rule, measured=measured,
         compared_with={
             "branch": "forest", "part": root.names[part],
-            "posterior": {names[k]: round(float(np.exp(log_p[k])), 4) for k in likeliest},
-            "left": [root.names[k] for k in left], "error_rate": round(root.error, 4),
+            "posterior": {names[k]: posterior[k] for k in likeliest},
+            "left": sorted(root.names[k] for k in left), "error_rate": round(root.error, 4),
             "error_left_out": round(root.left_out, 4),
         },
         margin=round(float(log_p[part] - others.max()), 3),

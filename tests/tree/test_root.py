@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import ray_mesh
 
-from itree_jax.root_answer import root_quantities
+from itree_jax.root_answer import RootAnswer, root_quantities, root_steps
 from itree_jax.tree.draws import draw_regions
 from itree_jax.tree.forest import compile_forest
 from itree_jax.tree.root import (
@@ -127,6 +127,24 @@ def test_the_order_of_the_trees_does_not_matter(three, root, fresh):
     assert turned.behind == pytest.approx(root.behind)
     posterior = root.log_posterior([fresh[0]] * 3)
     np.testing.assert_allclose(turned.log_posterior([fresh[0]] * 3), posterior[:, [2, 0, 1, 3]], atol=1e-9)
+
+
+def test_the_order_of_the_trees_does_not_show_in_a_decision_path(paper_tree, three, fresh):
+    """Nor where parts are as likely as each other: twins under two names."""
+    twin = replace(paper_tree, obj_id=4, part=replace(paper_tree.part, name="a twin"))
+    trees, order = [*three[:2], twin], [2, 0, 1]
+    regions = tuple(q[:20] for q in fresh[0])
+
+    def said_by(trees):
+        root, measured = measure_root(trees), (regions,) * len(trees)
+        posterior = root.log_posterior(measured)
+        return root, RootAnswer(posterior, root.left(posterior), measured)
+
+    (root, said), (turned, said_turned) = said_by(trees), said_by([trees[k] for k in order])
+    assert said.left[:, [0, 2]].all(axis=1).any()
+    for region in range(20):
+        for place, part in enumerate(order):
+            assert repr(root_steps(root, said, region, part)) == repr(root_steps(turned, said_turned, region, place))
 
 
 def test_a_part_is_its_groups_by_their_share_of_the_views(paper_tree):
