@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from itree_jax.answers import Interpretation
 from itree_jax.competition import when_asked
@@ -107,6 +107,13 @@ def others_than(
     accepted: RegionHypotheses, hypotheses: RegionHypotheses, prepared: Prepared
 ) -> RegionHypotheses:
     """Those that did not come back to the accepted pose that they were turned from (`region`)."""
+    return hypotheses.take(np.flatnonzero(~came_back(accepted, hypotheses, prepared)))
+
+
+def came_back(
+    accepted: RegionHypotheses, hypotheses: RegionHypotheses, prepared: Prepared
+) -> Bool[np.ndarray, "hypotheses"]:
+    """Which of them are nearly the accepted pose that they were turned or moved from (`region`)."""
     R, t = (np.asarray(a, float) for a in hypotheses.poses)
     near = np.zeros(len(t), bool)
     R_own, t_own = (np.asarray(a, float) for a in accepted.poses)
@@ -116,7 +123,7 @@ def others_than(
             R[mine], t[mine], R_own[k], t_own[k], prepared.symmetries, prepared.model.diameter
         )
         near[mine] = apart < NEARLY_SAME * prepared.model.diameter
-    return hypotheses.take(np.flatnonzero(~near))
+    return near
 
 
 def shown_at(

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from itree_jax.answers import Interpretation, measured_by
-from itree_jax.challenge import others_than, plan_of, with_more
-from itree_jax.narrowing import judge, narrow
+from itree_jax.challenge import came_back, plan_of, with_more
+from itree_jax.narrowing import narrow_and_judge
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.uncertainty import RimMotions, without_free_turns
 from itree_jax.sight import Sight
@@ -38,11 +38,13 @@ def moved_along_least_told(answer: Interpretation, sight: Sight) -> Interpretati
     found = own.take(np.repeat(own.region, len(moved[0].t_cam_obj)))
     poses = Hypotheses(*(np.concatenate(values).astype(np.float32) for values in zip(*moved, strict=True)))
     found = found.unmet._replace(poses=poses)
-    found = others_than(own, narrow(found, prepared, sight, plan.turned[-2:], plan, KEEP), prepared)
-    if not len(found.region):
+    found, judged = narrow_and_judge(found, prepared, sight, plan.turned[-2:], plan, KEEP)
+    likelier = judged.log_likelihood > answer.judged.log_likelihood[accepted][found.region]
+    new = np.flatnonzero(likelier | ~came_back(own, found, prepared))
+    if not len(new):
         return answer
     found = found._replace(region=answer.hypotheses.region[accepted][found.region])
-    return with_more(answer, found, judge(found, prepared, sight, plan), sight)
+    return with_more(answer, found.take(new), judged.take(new), sight)
 
 
 def least_told(

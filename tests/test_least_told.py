@@ -66,7 +66,7 @@ def read(paper_tree, paper_part_on_a_table):
     return answers[0], sight
 
 
-@pytest.mark.parametrize("way", [0.1, -0.1])
+@pytest.mark.parametrize("way", [0.1, -0.1, 0.04, -0.04])  # the last two: nearly the same pose, and yet another
 def test_a_pose_that_was_moved_so_gives_way_to_the_right_one(read, way):
     answer, sight = read
     prepared, h = answer.prepared, answer.selection.accepted[0]

@@ -21,8 +21,9 @@ from itree_jax.sensor import Sensor
 Progress = Callable[[int, int], None]
 # Finer pixels than this share of the part change no area by more than about a percent, but cost time.
 MOST_PIXELS_ACROSS = 256
-# Pixels cast in one launch: about 22 bytes each, so under 200 MB.
-PIXELS_AT_ONCE = 8_000_000
+# Pixels cast in one launch: under 50 MB, in pieces that the allocator gives back. Four times as many kept 250 MB more
+# and were no faster (`experiments/benchmarks/compile_scaling.py`).
+PIXELS_AT_ONCE = 2_000_000
 MARGIN = 2  # [px] around the part
 # Below this the two moments of a section are equal but for its pixels, and it has no direction of its own.
 LEAST_UNIQUENESS = 0.02
@@ -53,14 +54,16 @@ def detectable(
 ) -> Detectable:
     """Casts every view and counts what is detectable in it."""
     pixel = part_camera(part, sensor).mm_per_px(1.0) ** 2
-    face_area, region_count = [], []
+    views, done = len(R_cam_obj), 0
+    seen = Detectable(np.zeros((views, part.face_count)), np.zeros(views, np.int32))
     for shapes in cast_views(mesh, part, sensor, R_cam_obj):
         for face, mask in zip(shapes.face, shapes.detectable, strict=True):
-            face_area.append(np.bincount(face[mask], minlength=part.face_count) * pixel)
-            region_count.append(count_regions(mask, smallest_region_px(part, sensor)))
+            seen.face_area[done] = np.bincount(face[mask], minlength=part.face_count) * pixel
+            seen.region_count[done] = count_regions(mask, smallest_region_px(part, sensor))
+            done += 1
         if progress is not None:
-            progress(len(face_area), len(R_cam_obj))
-    return Detectable(np.array(face_area), np.array(region_count, dtype=np.int32))
+            progress(done, views)
+    return seen
 
 
 def cast_views(
