@@ -21,8 +21,8 @@ from itree_jax.sensor import Sensor
 Progress = Callable[[int, int], None]
 # Finer pixels than this share of the part change no area by more than about a percent, but cost time.
 MOST_PIXELS_ACROSS = 256
-# Pixels cast in one launch: under 50 MB, in pieces that the allocator gives back. Four times as many kept 250 MB more
-# and were no faster (`experiments/benchmarks/compile_scaling.py`).
+# Pixels cast in one launch: under 50 MB, in pieces that the allocator gives back. With four times as many 3840 views
+# held 0.8 GB more and took as long (`experiments/benchmarks/compile_scaling.py`).
 PIXELS_AT_ONCE = 2_000_000
 MARGIN = 2  # [px] around the part
 # Below this the two moments of a section are equal but for its pixels, and it has no direction of its own.
