@@ -24,7 +24,7 @@ from itree_jax.sight import Sight
 from itree_jax.stereo.dual_stereo import AGREES
 
 # Probability from which on a pose's pixels need no other explanation: with a depth map, and by images alone. Of two
-# cameras 98 % of the answers of a score from 0.8 on are right, 100 % of those from 0.95 on (calibrate_scores.py).
+# cameras 99 % of the answers of a score from 0.8 on are right (calibrate_scores.py).
 SURE, SURE_BY_IMAGES = 0.9, 0.98
 EDGE_OF_A_POSE = 2  # [px] beside an explained pixel: the raster and the pose's own error
 TOWARD_VIEWER = np.array([0.0, 0.0, -1.0])  # the normal of what no needle tells about

@@ -79,11 +79,11 @@ def probability(measures: Measures, scoring: Scoring) -> Float[np.ndarray, "*h"]
 
 
 # Fitted to simulated bins by experiments/calibrate_scores.py, by where depth comes from: of the bundled parts; those of
-# images alone of fifteen more (experiments/forest_parts.py), where answers of a score from 0.8 on were 98 % right with
-# two cameras and 93 % with one, by weights that were fitted without their part. With two cameras 97 % from 0.7 on were
-# right, and 94 % from 0.5 on: hence `least_pose`.
+# images alone of fifteen more (experiments/forest_parts.py), where answers of a score from 0.8 on were 99 % right with
+# two cameras and 93 % with one, by weights that were fitted without their part. With two cameras 98 % from 0.7 on were
+# right, and 93 % from 0.5 on: hence `least_pose`.
 SCORINGS = {
     "depth": Scoring((0.901, 0.085, -1.455, -7.802, 2.538, 0.649, 8.506, 0.0, 0.012, 0.0), -17.652, 0.75, 20.0),
-    "stereo": Scoring((2.020, 0.0, -0.249, -4.728, 0.0, 0.0, 0.0, 2.147, 1.151, 0.0), -8.257, 0.6, 20.0, 0.7),
+    "stereo": Scoring((1.687, 0.0, -0.353, -6.489, 0.418, 0.0, 1.241, 1.588, 0.546, 0.0), -7.347, 0.6, 20.0, 0.7),
     "none": Scoring((1.901, 1.962, -0.015, 0.0, 0.0, 0.0, 0.0, 2.726, 0.0, 0.208), -10.786, 0.6, 20.0),
 }
