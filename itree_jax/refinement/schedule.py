@@ -127,6 +127,7 @@ def schedule(
         exact = replace(last, steps=2), independent._replace(grazing=along_rays)
     else:  # matched depth errs together over whole faces: no reason to believe it more
         independent, exact = deviations, None
+        # halfway a pose may be less likely than where it started, and would be taken back: hence as many steps
         last = Stage(12, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
         moved, turned_by = (np.asarray(v, np.float32) for v in (FACE_MOVED * bias, FACE_TURNED))
         astray = deviations._replace(depth_bias=moved, needle_bias=turned_by)
