@@ -24,7 +24,10 @@ KEEP = (4, 2)  # of an answer's moved poses after each round
 
 
 def moved_along_least_told(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The interpretation with each accepted pose also moved along what is told least of it."""
+    """The interpretation with each accepted pose also moved along what is told least of it.
+
+    What comes back to nearly the accepted pose is kept where it is likelier: refinement stops at more than one place.
+    """
     prepared, accepted = answer.prepared, answer.selection.accepted
     if not len(accepted):
         return answer
