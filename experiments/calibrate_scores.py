@@ -1,14 +1,15 @@
 """Fits the probability of an answer on the validation bins, and prints how well it holds: the table behind the scores.
 
     python experiments/validation_bins.py --out out/validation_bins
-    python experiments/calibrate_scores.py [--bins DIR] [--depth file|stereo|none] [--out DIR] [--trees DIR] [--every N]
-        [--refinement NATS]
+    python experiments/calibrate_scores.py [--bins DIR ...] [--depth file|stereo|none] [--out DIR] [--trees DIR]
+        [--every N] [--refinement NATS]
 
 Every scene is recognised; all poses that no better one excludes are kept, however improbable, with their measures
 (`refinement.scoring.Measures`) and whether they are right (MSSD under 5 % of the diameter). A logistic model, with the
 signs that doubt must have, is fitted to them. Its table comes from models that were each fitted without the part that
-they are held against. A last table says whether new weights are worth it: fitted to the scenes of odd number, beside
-those in force, both on the scenes of even number. Rows of an earlier run in --out are kept: only scenes that lack are
+they are held against (of several folders of bins parts are told apart by their object numbers). A last table says
+whether new weights are worth it: fitted to the scenes of odd number, beside those in force, both on the scenes of even
+number. Rows of an earlier run in --out, in a folder named as that of the bins, are kept: only scenes that lack are
 recognised.
 """
 
@@ -49,7 +50,7 @@ PRECISION = 0.99  # of the answers together, on bins of our own renderer: others
 
 @dataclass(frozen=True)
 class Config:
-    bins: Path = Path("out/validation_bins")
+    bins: tuple[Path, ...] = (Path("out/validation_bins"),)
     depth: str = "file"
     out: Path = Path("out/calibrate_scores")
     trees: Path | None = None  # folder of trees of an earlier run
@@ -70,8 +71,7 @@ class Rows(NamedTuple):
 
 def main(config: Config) -> None:
     """Prints the fitted model and its tables."""
-    config.out.mkdir(parents=True, exist_ok=True)
-    rows = rows_of_bins(config)
+    rows = rows_of(config)
     part = np.concatenate([np.full(len(r.terms), r.part) for r in rows])
     in_force = SCORINGS[kind_of(config.depth)]
     refinement = config.refinement or in_force.refinement
@@ -96,16 +96,25 @@ def kind_of(depth: str) -> str:
     return "depth" if depth == "file" else depth
 
 
-def rows_of_bins(config: Config) -> list[Rows]:
-    """The rows of every scene, those of an earlier run read from `config.out`."""
-    models = load_models(config.bins)
-    truths = {t.scene_id: t for t in load_truth(config.bins)}
-    found = []
-    evaluation = Evaluation(dataset=config.bins, out=config.out, depth=config.depth, trees=config.trees)
-    for obj_id, folders in scenes_of_parts(config.bins):
+def rows_of(config: Config) -> list[Rows]:
+    """The rows of all folders of bins."""
+    names = [bins.name for bins in config.bins]
+    if len(set(names)) < len(names):
+        raise SystemExit(f"rows are kept by the folder's name, and two of these are named alike: {', '.join(names)}")
+    return [row for bins in config.bins for row in rows_of_bins(bins, config)]
+
+
+def rows_of_bins(bins: Path, config: Config) -> list[Rows]:
+    """The rows of every scene of one folder of bins, those of an earlier run read from `config.out`."""
+    models = load_models(bins)
+    truths = {t.scene_id: t for t in load_truth(bins)}
+    found, out = [], config.out / bins.name
+    out.mkdir(parents=True, exist_ok=True)
+    evaluation = Evaluation(dataset=bins, out=out, depth=config.depth, trees=config.trees)
+    for obj_id, folders in scenes_of_parts(bins):
         prepared: dict[int, Prepared] = {}
         for folder in folders[:: config.every]:
-            kept = config.out / f"{folder.name}_{config.depth}.pkl"
+            kept = out / f"{folder.name}_{config.depth}.pkl"
             if not kept.is_file():
                 lights = len(list((folder / "lit").glob("000000_*")))
                 if lights not in prepared:
@@ -222,10 +231,11 @@ def least_probability(answers: ScoredAnswers) -> float:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bins", type=Path, default=Config.bins)
+    parser.add_argument("--bins", type=Path, nargs="+", default=Config.bins)
     parser.add_argument("--depth", choices=("file", "stereo", "none"), default=Config.depth)
     parser.add_argument("--out", type=Path, default=Config.out)
     parser.add_argument("--trees", type=Path, default=None)
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--refinement", type=float, default=None)
-    main(Config(**vars(parser.parse_args())))
+    given = vars(parser.parse_args())
+    main(Config(**given | {"bins": tuple(given["bins"])}))

@@ -1,7 +1,13 @@
 """Weights in force beside fitted ones: what is fitted to some scenes is held against others."""
 
+import json
+import pickle
+from pathlib import Path
+
+import calibrate_scores
 import numpy as np
-from calibrate_scores import Rows, both_models, fitted, held_against, poses_of
+import pytest
+from calibrate_scores import Config, Rows, both_models, fitted, held_against, poses_of, rows_of
 
 from itree_jax.refinement.scoring import SIGNS, Scoring
 
@@ -34,3 +40,29 @@ def test_fitted_weights_beat_blind_ones_on_scenes_they_never_saw():
 def test_scenes_of_one_kind_of_number_tell_nothing():
     rows = [scene(k, np.random.default_rng(k)) for k in (1, 3)]
     assert "compared where" in both_models(rows, BLIND, 20.0)
+
+
+def bins_with_rows(folder: Path, out: Path, obj_id: int, scene_id: int) -> Path:
+    """A folder of one scene of one part, of which an earlier run kept rows."""
+    there = folder / "test" / f"{scene_id:06d}"
+    there.mkdir(parents=True)
+    (there / "scene_camera.json").write_text("{}")
+    (there / "scene_gt.json").write_text(json.dumps({"0": [{"obj_id": obj_id}]}))
+    kept = scene(scene_id, np.random.default_rng(scene_id))._replace(part=obj_id)
+    (out / folder.name).mkdir(parents=True)
+    (out / folder.name / f"{scene_id:06d}_stereo.pkl").write_bytes(pickle.dumps(tuple(kept)[1:]))
+    return folder
+
+
+def test_bins_of_several_folders_are_taken_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(calibrate_scores, "load_models", lambda _: {})
+    monkeypatch.setattr(calibrate_scores, "load_truth", lambda _: [])
+    out = tmp_path / "out"
+    folders = [bins_with_rows(tmp_path / name, out, *ids) for name, ids in (("one", (3, 301)), ("two", (7, 701)))]
+    rows = rows_of(Config(bins=tuple(folders), depth="stereo", out=out))
+    assert [(r.part, r.scene_id) for r in rows] == [(3, 301), (7, 701)]
+
+
+def test_folders_of_one_name_would_share_their_rows(tmp_path):
+    with pytest.raises(SystemExit, match="named alike: bins, bins"):
+        rows_of(Config(bins=(tmp_path / "a" / "bins", tmp_path / "b" / "bins"), out=tmp_path))

@@ -5,35 +5,21 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import trimesh
-from itree_cad.bundled import bundled_part
-from itree_kernels.instances import Material
-from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.likelihood import support
-from itree_jax.refinement.optimise import Hypotheses, RefineModel, padded_normals, refine
-from itree_jax.sight import Sight, look
-from itree_jax.tree.appearances import mesh_reach
+from itree_jax.refinement.optimise import Hypotheses, refine
+from itree_jax.sight import Sight
 
-from ..stereo.two_views import CAMERA, as_mesh, converging, two_views
+from ..stereo.two_views import CAMERA
+from .on_a_floor import MODEL, PART, SPACING, R, T, rim_errors, seen_by_two_cameras
 
-PART = bundled_part("ikeuchi-1987")
-MESH = ray_mesh(PART.vertices, PART.triangles, PART.face_of_triangle, device="cpu")
-MODEL = RefineModel(MESH, padded_normals(MESH.triangle_normals), mesh_reach(MESH), PART.diameter)
-R = Rotation.from_euler("xyz", [28, 12, 20], degrees=True).as_matrix()
-T = np.array([-4.0, 3.0, 872.0])
-SPACING = np.radians(20.0)  # of a dome
 TURNED, MOVED = np.radians(7.0), 4.0  # [rad], [mm]
 
 
 @pytest.fixture(scope="module")
 def seen():
-    floor = as_mesh(trimesh.creation.box((900, 900, 10)))
-    material = Material(np.array([0.4, 0.05]), np.zeros(2), 10.0)
-    poses = np.stack([R, np.eye(3)]), np.stack([T, [0.0, 0.0, 905.0]])
-    views = two_views([MESH, floor], *poses, material, CAMERA, *converging(), seed=3)
-    return look(views.images, views.sensor, None, second=views.second), views.lit.instance == 0
+    return seen_by_two_cameras()
 
 
 def astray(sight: Sight, part: np.ndarray) -> Sight:
@@ -47,13 +33,6 @@ def astray(sight: Sight, part: np.ndarray) -> Sight:
     return replace(sight, observed=seen)
 
 
-def rim_error(pose: Hypotheses) -> float:
-    """How far [mm] a point of the part is off at most."""
-    there, true = (PART.vertices @ np.asarray(a, float).T + b for a, b in ((pose.R_cam_obj[0], pose.t_cam_obj[0]),
-                                                                           (R, T)))  # fmt: skip
-    return float(np.linalg.norm(there - true, axis=1).max())
-
-
 def test_the_last_stage_by_contours_stays_where_needles_and_depth_lead_astray(seen):
     sight = astray(*seen)
     plan = sight.plan(PART.diameter, SPACING)
@@ -65,8 +44,8 @@ def test_the_last_stage_by_contours_stays_where_needles_and_depth_lead_astray(se
         return refine(start, MODEL, sight.observed, CAMERA, deviations, [stage], plan.jump, sight.others, sight.crease)
 
     usual, found = polished(plan.last, plan.independent), polished(*plan.by_contours)
-    assert rim_error(found) < 0.5 * rim_error(usual)
-    assert rim_error(found) < 0.05 * PART.diameter
+    assert rim_errors(found) < 0.5 * rim_errors(usual)
+    assert rim_errors(found) < 0.05 * PART.diameter
     both = Hypotheses(*(np.concatenate(pair) for pair in zip(found, usual, strict=True)))
     weighed = support(both, MODEL, sight.observed, CAMERA, plan.errors, plan.jump, sight.others, crease=sight.crease)
     pixels = weighed.pixels.sum(axis=(1, 2), dtype=float)
