@@ -158,16 +158,19 @@ def look_again(
     sight: Sight,
     answers: list[Interpretation],
 ) -> tuple[Float[np.ndarray, "lights height width"], Sight]:
-    """The scene as it looks once some parts are known: the light between them is taken out of the images, and where no
-    depth map has told the response of the material, they tell it. What can't be told leaves things as they were.
+    """The scene as it looks once some parts are known: the light between them is taken out of the images, and they tell
+    the response of the material. What can't be told leaves things as they were, and so does a depth map: it has told
+    the response already, and outweighs what is left of that light (experiments/ablations.py).
     """
+    if depth is not None:
+        return images, sight
     cleared = subtract_reflections(images, answers, sight, second)
     if cleared is not None:
         images, second = cleared
-        sight = look(images, sensor, depth, R_w2c, second, before=sight)
-    responses = responses_of_parts(answers, sight) if depth is None else None
+        sight = look(images, sensor, None, R_w2c, second)
+    responses = responses_of_parts(answers, sight)
     if responses is not None:
-        sight = look(images, sensor, depth, R_w2c, second, responses)
+        sight = look(images, sensor, None, R_w2c, second, responses)
     return images, sight
 
 

@@ -19,6 +19,7 @@ from itree_jax.sight import Sight
 from itree_jax.tree.batches import on_all_cores
 
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
+ARRIVED = 1.0  # [nats]: what gains less by being polished is there; two refinements of one pose differ by as much
 TURNS = 2  # how far a part is turned about its own axis is told better by a pose that was polished since
 
 
@@ -54,18 +55,14 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
 
     How far neighbours' errors hang together no depth map tells. So the last step takes them to be independent, and is
     kept where the pose explains the scene better than before; each pose takes it but once. Without a depth map it takes
-    the poses to where they stop, as often as it is asked: what else two of them differ by would be held for evidence
-    (experiments/refinement_nats.py). There it goes another way too, by contours: a highlight turns a face's needles and
-    moves its matched depth, but not its edges.
+    the poses to where they stop, until it gains less than `ARRIVED`: what else two of them differ by would be held for
+    evidence (experiments/refinement_nats.py). There it goes another way too, by contours: a highlight turns a face's
+    needles and moves its matched depth, but not its edges.
     """
     plan, tried = plan_of(answer, sight), answer.selection.with_rivals
-    if sight.kind == "depth":
-        tried = tried[~answer.hypotheses.polished[tried]]
+    tried = tried[~answer.hypotheses.polished[tried]]
     if not len(tried):
         return answer
-    polished = answer.hypotheses.polished.copy()
-    polished[tried] = True
-    answer = replace(answer, hypotheses=answer.hypotheses._replace(polished=polished))
     before = answer.hypotheses.take(tried)
     ways = [(plan.last, plan.independent), *([plan.by_contours] if plan.by_contours else [])]
     after = reduce(joined, [
@@ -77,9 +74,14 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     judged = judge(after, answer.prepared, sight, plan)
     nats = np.concatenate([answer.judged.log_likelihood[tried], judged.log_likelihood]).reshape(-1, len(tried))
     best = nats.argmax(axis=0)  # 0: as it was
+    arrived = (nats.max(axis=0) < nats[0] + ARRIVED) | (sight.kind == "depth")
+    polished = answer.hypotheses.polished.copy()
+    polished[tried] = arrived
+    answer = replace(answer, hypotheses=answer.hypotheses._replace(polished=polished))
     moved = np.flatnonzero(best)
     better = (best[moved] - 1) * len(tried) + moved
-    return with_more(without(answer, tried[moved]), after.take(better), judged.take(better), sight)
+    polished_after = after.take(better)._replace(polished=arrived[moved])
+    return with_more(without(answer, tried[moved]), polished_after, judged.take(better), sight)
 
 
 def exact(answers: list[Interpretation], sight: Sight) -> list[Interpretation]:

@@ -105,12 +105,10 @@ def look(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
     responses: Sequence[MaterialResponse | None] = (None, None),
-    before: Sight | None = None,
 ) -> Sight:
     """Looks at one image under each light, with a depth map [mm] (0 = none), a second camera, or neither.
 
-    `responses` of the material, as each camera sees it, if they are known. `before`: the scene as it was seen through
-    the same depth map, before its images changed; the normals of its depth map and its regions are kept.
+    `responses` of the material, as each camera sees it, if they are known.
 
     Raises `ItreeError` as `dual_photometric_stereo` does.
     """
@@ -123,13 +121,12 @@ def look(
     noise = depth_noise(depth, depth > 0)
 
     def of_surface() -> DepthNeedles | None:
-        known = before.of_depth if before else None
-        return known if known or sensor.is_depth_camera else depth_needles(depth, sensor.camera, noise)
+        return None if sensor.is_depth_camera else depth_needles(depth, sensor.camera, noise)
 
     needle, of_depth = at_once(lambda: first_needles(images, sensor, depth), of_surface)
     needle = corrected(needle, sensor, depth, responses[0], of_depth)
-    found = before.found if before else regions(needle, depth, sensor, R_w2c)
-    held = before.held if before else held_by(found.labels, depth, sensor)
+    found = regions(needle, depth, sensor, R_w2c)
+    held = held_by(found.labels, depth, sensor)
     observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
     if not sensor.is_depth_camera:
         observed = with_shading(observed, images, sensor, needle)

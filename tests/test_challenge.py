@@ -12,9 +12,12 @@ from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.hypotheses import joined, turned_about_axes
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
-from itree_jax.settling import exact, polished, settled
+from itree_jax.settling import ARRIVED, exact, polished, settled
+from itree_jax.sight import EDGE_REACH
 
 from .accepted import only
+
+MOST_POLISHED = 10
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +116,20 @@ def test_polishing_makes_a_pose_more_likely_and_more_exact(read):
     assert fine.judged.log_likelihood[0] > rough.judged.log_likelihood[0]
     assert turn_between(best(fine)[0], truth.R_cam_obj) < 0.5 * turn_between(best(rough)[0], truth.R_cam_obj)
     assert polished(fine, sight) is fine  # who is polished already isn't again
+
+
+def test_by_images_alone_a_pose_is_polished_until_it_gains_nothing(read):
+    answer, sight, truth = read
+    by_images = replace(sight, edge_reach=EDGE_REACH)
+    off = Rotation.from_rotvec(np.radians([0.6, -0.5, 0.6])).as_matrix()
+    pose = only(answer, by_images, off @ truth.R_cam_obj, truth.t_cam_obj + np.full(3, 0.3))
+    nats = []
+    while len(nats) < MOST_POLISHED and (finer := polished(pose, by_images)) is not pose:
+        nats.append(finer.judged.log_likelihood[0] - pose.judged.log_likelihood[0])
+        pose = finer
+    assert 1 < len(nats) < MOST_POLISHED
+    assert min(nats[:-1]) >= ARRIVED
+    assert 0.0 <= nats[-1] < ARRIVED
 
 
 def test_polishing_leaves_alone_what_it_would_make_less_likely(read):

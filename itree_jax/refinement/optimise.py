@@ -5,7 +5,7 @@ that they met are projected into the image. All hypotheses go through all steps 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ from itree_jax.refinement.residuals import Deviations
 from itree_jax.sensing.needle import Array
 
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
+REST = 0.01  # [px] that a pose's rim moves in a step: the rest of the way is shorter still
 FARTHEST = 1.0  # [window px] that a pose's rim may move before rays are cast again
 
 
@@ -145,7 +146,7 @@ def _refine_stage(
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
     mesh, device, count = model.mesh, model.mesh.device, len(t)
     pose = poses_on_device(R, t, device)
-    there = [pose, *(poses_on_device(R, t, device) for _ in views[1:])]
+    there = [pose, *(replace(poses_on_device(R, t, device), moving=pose.moving) for _ in views[1:])]
     seen = [windows(R, t, np.zeros((count, 2)), stage.size, stride, device, stage.contour) for _ in views]
     rays = [Rays(mesh, by.camera, model.reach, jump if stage.contour else None, crease, model.rough) for by in views]
     sums = row_sums(len(views), count, stage.size, device)
@@ -160,12 +161,15 @@ def _refine_stage(
             ends = (stage.depth_gate, stage.needle_gate, stage.contour_gate)
             depth, needle, contour = (ramp(gate, k, stage.steps) for gate in ends)
             gates = gates_of(depth, needle, contour, float(deviations.grazing))
+            rest = REST if (depth, needle, contour) == tuple(float(gate[1]) for gate in ends) else 0.0
             for view, by in enumerate(views):
                 follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
                 if any_stale(seen[view], first, last):
                     rays[view].cast(seen[view], first, last)
                 sum_rows(seen[view], there[view], by, mesh.normals_obj, gates, view, first, last, sums)
-            step(pose, sums, spreads, turns, model.reach, first, last)
+            step(pose, sums, spreads, turns, views[0], model.reach, rest, first, last)
+            if not any_moving(pose, first, last):
+                break
 
     rays[0].load()
     kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
@@ -178,12 +182,20 @@ def _refine_stage(
 
 def poses_on_device(R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], device: str) -> MovedPoses:
     """Copies that the kernels may change."""
-    return MovedPoses(wp.array(R, dtype=wp.mat33, device=device), wp.array(t, dtype=wp.vec3, device=device))
+    return MovedPoses(
+        wp.array(R, dtype=wp.mat33, device=device), wp.array(t, dtype=wp.vec3, device=device),
+        wp.ones(len(t), dtype=int, device=device),
+    )  # fmt: skip
 
 
 def any_stale(seen: Windows, first: int, last: int) -> bool:
     """Whether there is anything to cast. On a GPU it costs less to launch than to ask."""
     return seen.device != "cpu" or bool(seen.stale.numpy()[first:last].any())
+
+
+def any_moving(pose: MovedPoses, first: int, last: int) -> bool:
+    """Whether there is anything to move, likewise."""
+    return not pose.moving.device.is_cpu or bool(pose.moving.numpy()[first:last].any())
 
 
 def cast_in(

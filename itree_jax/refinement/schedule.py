@@ -128,8 +128,8 @@ def schedule(
     else:  # matched depth errs together over whole faces: no reason to believe it more
         independent, exact = deviations, None
         # halfway a pose may be less likely than where it started, and would be taken back: hence as many steps
-        last = Stage(12, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
+        last = Stage(24, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
         moved, turned_by = (np.asarray(v, np.float32) for v in (FACE_MOVED * bias, FACE_TURNED))
         astray = deviations._replace(depth_bias=moved, needle_bias=turned_by)
-        by_contours = replace(last, contour_gate=(DEPTH_EDGE_GATE, last_gate)), astray
+        by_contours = replace(last, steps=12, contour_gate=(DEPTH_EDGE_GATE, last_gate)), astray
     return Schedule(rounds, turned, last, deviations, independent, exact, by_contours, errors, jump, 96)

@@ -76,6 +76,7 @@ def equations_kernel(
     # In:
     R_cam_obj: wp.array(dtype=wp.mat33),
     t_cam_obj: wp.array(dtype=wp.vec3),
+    moving: wp.array(dtype=int),
     cast_R: wp.array(dtype=wp.mat33),
     cast_t: wp.array(dtype=wp.vec3),
     origin_uv: wp.array(dtype=wp.vec2),
@@ -97,6 +98,8 @@ def equations_kernel(
 ):
     k, i = wp.tid()
     h = first + k
+    if moving[h] == 0:
+        return
     size = depth.shape[2]
     height = maps.depth.shape[0]
     width = maps.depth.shape[1]
@@ -214,6 +217,7 @@ class MovedPoses:
 
     R_cam_obj: wp.array  # of mat33
     t_cam_obj: wp.array  # of vec3 [mm]
+    moving: wp.array  # of int: 0 where a pose has come to rest, and is left alone
 
 
 def sum_rows(
@@ -223,9 +227,9 @@ def sum_rows(
     wp.launch(
         equations_kernel, dim=(last - first, seen.size),
         inputs=[
-            now.R_cam_obj, now.t_cam_obj, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, seen.depth, seen.triangle,
-            seen.contour_uv, seen.contour_depth, seen.contour_column, normal_obj, by.maps, camera_vector(by.camera),
-            int(by.camera.is_orthographic), float(seen.stride), gates, view, first,
+            now.R_cam_obj, now.t_cam_obj, now.moving, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, seen.depth,
+            seen.triangle, seen.contour_uv, seen.contour_depth, seen.contour_column, normal_obj, by.maps,
+            camera_vector(by.camera), int(by.camera.is_orthographic), float(seen.stride), gates, view, first,
         ],
         outputs=[sums], device=seen.device,
     )  # fmt: skip

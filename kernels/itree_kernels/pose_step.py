@@ -100,6 +100,12 @@ def in_frame(J_turn: wp.mat33) -> mat66d:
 
 
 @wp.func
+def pixel_pitch(X: wp.vec3, camera: wp.vec4, orthographic: int) -> float:
+    """What a pixel spans at a point's depth [mm]."""
+    return wp.where(orthographic == 1, 1.0, wp.max(X[2], 1.0)) / wp.sqrt(camera[0] * camera[1])
+
+
+@wp.func
 def added(H: mat66d, g: vec6d, hessian: wp.spatial_matrix, gradient: wp.spatial_vector):
     """The sums with those of a row."""
     for a in range(6):
@@ -115,14 +121,21 @@ def step_kernel(
     sums: RowSums,
     spreads: Spreads,
     R_view_first: wp.array(dtype=wp.mat33),
+    camera: wp.vec4,
+    orthographic: int,
     reach: float,
+    rest: float,
     first: int,
     # In, out:
     R_cam_obj: wp.array(dtype=wp.mat33),
     t_cam_obj: wp.array(dtype=wp.vec3),
+    moving: wp.array(dtype=int),
 ):
+    """Moves the poses that move; one whose rim goes by less than `rest` [px] has come to rest."""
     k = wp.tid()
     h = first + k
+    if moving[h] == 0:
+        return
     H = mat66d()
     g = vec6d()
     for view in range(sums.depth_count.shape[0]):
@@ -190,6 +203,9 @@ def step_kernel(
     if wp.isfinite(wp.length(omega)) and wp.isfinite(wp.length(shift)):
         R_cam_obj[h] = so3_exp(shrink * omega) * R_cam_obj[h]
         t_cam_obj[h] = t_cam_obj[h] + shrink * shift
+        moved = wp.length(shift) + reach * wp.length(omega)
+        if moved < rest * pixel_pitch(t_cam_obj[h], camera, orthographic):
+            moving[h] = 0
 
 
 @wp.kernel(enable_backward=False)
@@ -224,8 +240,7 @@ def follow_kernel(
     t_view_obj[h] = t
     chord = wp.trace(wp.identity(n=3, dtype=float) - R * wp.transpose(cast_R[h]))  # 2 - 2 cos of the turn
     moved = wp.length(t - cast_t[h]) + reach * wp.sqrt(wp.max(chord, 0.0))
-    pitch = wp.where(orthographic == 1, 1.0, wp.max(t[2], 1.0)) / wp.sqrt(camera[0] * camera[1])
-    if farthest < 0.0 or moved > farthest * pitch:
+    if farthest < 0.0 or moved > farthest * pixel_pitch(t, camera, orthographic):
         stale[h] = 1
         cast_R[h] = R
         cast_t[h] = t
@@ -247,10 +262,20 @@ def spreads_of(
     return spreads
 
 
-def step(pose: MovedPoses, sums, spreads, R_view_first: wp.array, reach: float, first: int, last: int) -> None:
-    """Moves poses first .. last - 1, which are told in the frame of the first camera."""
-    wp.launch(step_kernel, dim=last - first, inputs=[sums, spreads, R_view_first, reach, first],
-              outputs=[pose.R_cam_obj, pose.t_cam_obj], device=R_view_first.device)  # fmt: skip
+def step(
+    pose: MovedPoses, sums, spreads, R_view_first: wp.array, by: SeenBy, reach: float, rest: float, first: int,
+    last: int,
+) -> None:
+    """Moves poses first .. last - 1, which are told in the frame of the first camera, `by`. One whose rim moves by less
+    than `rest` [px] is left alone from then on.
+    """
+    wp.launch(
+        step_kernel, dim=last - first,
+        inputs=[
+            sums, spreads, R_view_first, camera_vector(by.camera), int(by.camera.is_orthographic), reach, rest, first,
+        ],
+        outputs=[pose.R_cam_obj, pose.t_cam_obj, pose.moving], device=R_view_first.device,
+    )  # fmt: skip
 
 
 def follow(

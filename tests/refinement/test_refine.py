@@ -6,6 +6,7 @@ from itree_cad.bundled import bundled_part
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
+from itree_jax.refinement import optimise
 from itree_jax.refinement.optimise import (
     Hypotheses,
     Stage,
@@ -21,6 +22,7 @@ from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
 from ..primitives import box_part, sphere_part
 from .scenes import DEVIATIONS, JUMP, PINHOLE, centred, floor_below, model_of, seen
 
+ORTHOGRAPHIC = Camera("orthographic", 1.5, 1.5, 100.3, 90.6, 200, 180)
 STAGES = [Stage(10, 64, (12.0, 1.0), (1.0, 0.3), (15.0, 2.0))]
 ATTITUDES = Rotation.from_rotvec([[2.2, 0.4, -0.9], [-0.7, 2.4, 0.5], [0.3, -1.2, 1.6]]).as_matrix()
 
@@ -70,12 +72,45 @@ def test_a_pose_off_by_ten_degrees_and_four_millimetres_is_found(bracket, k):
         assert np.isfinite(twist_deviation(hessian)).all()
 
 
-def test_an_orthographic_camera(bracket):
-    camera = Camera("orthographic", 1.5, 1.5, 100.3, 90.6, 200, 180)
+@pytest.mark.parametrize("camera", [PINHOLE, ORTHOGRAPHIC])
+def test_poses_come_to_rest_where_they_would_have_gone(monkeypatch, bracket, camera):
+    """Where gates stay as they are, a pose that hardly moves any more is left alone."""
     R = ATTITUDES[0]
     t = centred(bracket, R, camera=camera)
     maps = seen(bracket, R, t, [floor_below(bracket, t)], camera).maps
-    found = refine(perturbed(R, t, 4, 10.0, 4.0, 1), bracket, maps, camera, DEVIATIONS, STAGES, JUMP)
+    start = perturbed(R, t, 4, 2.0, 1.0, 1)
+
+    def found(steps: int) -> Hypotheses:
+        steady = [Stage(steps, 64, (2.0, 2.0), (0.4, 0.4), (4.0, 4.0))]
+        return refine(start, bracket, maps, camera, DEVIATIONS, steady, JUMP)
+
+    at_rest = found(30)
+    np.testing.assert_array_equal(found(40).t_cam_obj, at_rest.t_cam_obj)
+    monkeypatch.setattr(optimise, "REST", 0.0)
+    going_on = found(40)
+    assert np.abs(going_on.t_cam_obj - at_rest.t_cam_obj).max() > 0.0
+    pitch = camera.mm_per_px(float(t[2]))
+    turned = Rotation.from_matrix(going_on.R_cam_obj @ np.swapaxes(at_rest.R_cam_obj, 1, 2)).magnitude()
+    assert np.linalg.norm(going_on.t_cam_obj - at_rest.t_cam_obj, axis=1).max() < 0.02 * pitch
+    assert turned.max() * bracket.reach < 0.02 * pitch
+
+
+def test_no_pose_rests_while_gates_fall(monkeypatch, bracket):
+    R, t = ATTITUDES[0], centred(bracket, ATTITUDES[0])
+    maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
+    start = perturbed(R, t, 4, 2.0, 1.0, 1)
+    usual = refine(start, bracket, maps, PINHOLE, DEVIATIONS, STAGES, JUMP)
+    monkeypatch.setattr(optimise, "REST", 0.0)
+    np.testing.assert_array_equal(
+        refine(start, bracket, maps, PINHOLE, DEVIATIONS, STAGES, JUMP).t_cam_obj, usual.t_cam_obj
+    )
+
+
+def test_an_orthographic_camera(bracket):
+    R = ATTITUDES[0]
+    t = centred(bracket, R, camera=ORTHOGRAPHIC)
+    maps = seen(bracket, R, t, [floor_below(bracket, t)], ORTHOGRAPHIC).maps
+    found = refine(perturbed(R, t, 4, 10.0, 4.0, 1), bracket, maps, ORTHOGRAPHIC, DEVIATIONS, STAGES, JUMP)
     rotation, translation = pose_error(found, R, t)
     assert rotation.max() < 0.05
     assert translation.max() < 0.05
