@@ -195,7 +195,7 @@ def any_stale(seen: Windows, first: int, last: int) -> bool:
 
 def any_moving(pose: MovedPoses, first: int, last: int) -> bool:
     """Whether there is anything to move, likewise."""
-    return not pose.moving.device.is_cpu or bool(pose.moving.numpy()[first:last].any())
+    return str(pose.moving.device) != "cpu" or bool(pose.moving.numpy()[first:last].any())
 
 
 def cast_in(
