@@ -123,7 +123,9 @@ def no_reflectance() -> Iterator[None]:
 
 @contextmanager
 def reflected_light_left_in() -> Iterator[None]:
-    """The images are read as they are, once, unless parts tell the material's response."""
+    """Without a depth map the images are read as they are, unless parts tell the material's response. With one that
+    light stays in anyway.
+    """
     with patch.object(recognition, "subtract_reflections", lambda *_: None):
         yield
 

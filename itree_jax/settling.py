@@ -19,7 +19,7 @@ from itree_jax.sight import Sight
 from itree_jax.tree.batches import on_all_cores
 
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
-ARRIVED = 1.0  # [nats]: what gains less by being polished is there; two refinements of one pose differ by as much
+ARRIVED = 1.0  # [nats]: what gains less by being polished is there; two refinements of one pose differ by more
 TURNS = 2  # how far a part is turned about its own axis is told better by a pose that was polished since
 
 
