@@ -14,7 +14,8 @@ could do.
 
 A bound: as many bytes as the maps hold are copied on as many threads. Memory lets nobody be faster than that.
 
-Last, the same pixels filled triangle by triangle (`itree_kernels.raster`): nearest hits alone, no lights.
+On a CPU `cast_apparent_shapes` finds what the rays would meet triangle by triangle; the last rows cast the rays
+instead, as it does on a GPU and for very fine meshes.
 """
 
 import json
@@ -23,6 +24,7 @@ import platform
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -33,13 +35,10 @@ import numpy as np
 import trimesh
 import tyro
 import warp as wp
+from itree_kernels import apparent
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh, ray_mesh
-from itree_kernels.raster import raster_kernel
-from itree_kernels.rays import camera_vector
-from itree_kernels.threads import launch_in_chunks
-from itree_kernels.warp_start import load_kernel
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
@@ -77,12 +76,11 @@ def main(config: Config) -> None:
     embree = embree_scene(solid)
     rows = [
         row
+        for by_rays in (False, True)
         for camera in cameras(config.size)
         for lights in (LIGHTS[:0], LIGHTS)
-        for row in measure(mesh, camera, lights, config, embree)
+        for row in measure(mesh, camera, lights, config, embree, by_rays)
     ]
-    if mesh.device == "cpu":
-        rows += [row for camera in cameras(config.size) for row in filled_ratio(mesh, camera, config, embree)]
     machine = {"processor": platform.machine(), "cores": os.cpu_count(), "device": mesh.device, "warp": wp.__version__}
     result = {"machine": machine, "triangles": len(solid.faces), "config": asdict(config) | {"out": str(config.out)}}
     config.out.mkdir(parents=True, exist_ok=True)
@@ -120,7 +118,7 @@ def cameras(size: int) -> list[Camera]:
 
 
 def measure(
-    mesh: RayMesh, camera: Camera, lights: np.ndarray, config: Config, embree: "EmbreeScene | None"
+    mesh: RayMesh, camera: Camera, lights: np.ndarray, config: Config, embree: "EmbreeScene | None", by_rays: bool
 ) -> list[dict[str, Any]]:
     """Rays from this camera: a row per number of threads."""
     lights = lights / np.linalg.norm(lights, axis=1, keepdims=True)
@@ -129,50 +127,18 @@ def measure(
     queries = None if embree is None else queries_for_embree(mesh, R, t, camera, lights)
 
     def cast(threads: int) -> Spent:
-        with patch("os.cpu_count", return_value=threads):
+        chosen = patch.object(apparent, "fills", return_value=False) if by_rays else nullcontext()
+        with patch("os.cpu_count", return_value=threads), chosen:
             return spent(lambda: cast_apparent_shapes(mesh, R, t, camera, lights, SLANT_LIMIT))
 
     written = sum(m.nbytes for m in (shapes.face, shapes.depth, shapes.normal, shapes.lit, shapes.detectable))
     runs = in_turns(cast, rival(embree, queries), written, mesh.device, config)
     told = {
-        "what": f"{camera.kind}, {len(lights)} lights", "bytes_per_pixel": written / shapes.face.size,
+        "what": f"{camera.kind}, {len(lights)} lights{', by rays' if by_rays else ''}",
+        "bytes_per_pixel": written / shapes.face.size,
         "hits_differ": None if queries is None or embree is None else hits_differ(embree, queries, shapes),
     }  # fmt: skip
     return [told | row for row in table_rows(shapes.face.size, ray_count(shapes, lights), runs)]
-
-
-def filled_ratio(mesh: RayMesh, camera: Camera, config: Config, embree: "EmbreeScene | None") -> list[dict[str, Any]]:
-    """The same pixels filled, against nearest hits alone: a row per number of threads."""
-    R, t = poses(config.views)
-    shape, device = (config.views, camera.height, camera.width), mesh.device
-    depth, triangle = wp.zeros(shape, dtype=float, device=device), wp.zeros(shape, dtype=int, device=device)
-    before = [
-        mesh.warp_mesh.points, mesh.warp_mesh.indices, mesh.normals_obj, int(mesh.is_closed),
-        wp.array(R.astype(np.float32), dtype=wp.mat33, device=device),
-        wp.array(t.astype(np.float32), dtype=wp.vec3, device=device),
-        wp.zeros(config.views, dtype=wp.vec2, device=device), camera_vector(camera), int(camera.is_orthographic), 1.0,
-    ]  # fmt: skip
-    stale = wp.full(config.views, 1, dtype=int, device=device)
-    load_kernel(raster_kernel, device)
-    queries = None if embree is None else queries_for_embree(mesh, R, t, camera, LIGHTS[:0])
-
-    def launch(first: int, last: int) -> None:
-        inputs = [*before, first, stale]
-        wp.launch(raster_kernel, dim=last - first, inputs=inputs, outputs=[depth, triangle], device=device)
-
-    def fill(threads: int) -> Spent:
-        with patch("os.cpu_count", return_value=threads):
-            return spent(lambda: launch_in_chunks(launch, config.views, camera.width * camera.height, device))
-
-    written = depth.numpy().nbytes + triangle.numpy().nbytes
-    runs = in_turns(fill, rival(embree, queries), written, device, config)
-    shapes = cast_apparent_shapes(mesh, R, t, camera, LIGHTS[:0], SLANT_LIMIT)
-    told = {
-        "what": f"{camera.kind}, filled",
-        "bytes_per_pixel": written / triangle.size,
-        "hits_differ": float(np.mean((triangle.numpy() >= 0) != (shapes.face >= 0))),  # from ours, on outlines
-    }
-    return [told | row for row in table_rows(triangle.size, triangle.size, runs)]
 
 
 def rival(embree: "EmbreeScene | None", queries: "Queries | None") -> Callable[[int], Spent] | None:

@@ -10,31 +10,43 @@ pixels, which cost a few nanoseconds each once it is projected. A window is one 
 
 import warp as wp
 
+from itree_kernels.mesh import RayMesh
 from itree_kernels.rays import image_point
 
 TRIANGLES_PER_PIXEL = 4  # of a window: with more of them, rays are faster
 SPARE = wp.constant(0.05)  # [window px] beside an edge in a row: roundings
 FLAT = wp.constant(1e-6)  # [window px] by which an edge rises: what does less has no side in a row
 ON_EDGE = wp.constant(1e-4)  # [window px^2] by which a pixel may lie outside of an edge: leaves no cracks
+NO_AREA = wp.constant(1e-9)  # [window px^2]
+
+
+def fills(mesh: RayMesh, pixels: int) -> bool:
+    """Whether windows of so many pixels are filled triangle by triangle: on a CPU, unless the mesh is too fine."""
+    return mesh.device == "cpu" and len(mesh.triangles) <= TRIANGLES_PER_PIXEL * pixels
+
+
+def room_for_vertices(mesh: RayMesh) -> wp.array:
+    """Of vec3, for the vertices of one window. On a CPU the threads of one launch run one after the other."""
+    return wp.empty(mesh.warp_mesh.points.shape[0], dtype=wp.vec3, device=mesh.device)
 
 
 @wp.func
-def across(a: wp.vec2, b: wp.vec2, p: wp.vec2) -> float:
-    """Twice the area of the triangle a, b, p: positive on one side of the edge, negative on the other."""
-    return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
+def of_rise(edge: wp.vec2) -> float:
+    """1 over what an edge rises by; 0 where it has no side in a row."""
+    return wp.where(wp.abs(edge[1]) < FLAT, 0.0, 1.0 / edge[1])
 
 
 @wp.func
-def within(near: wp.vec2, turned: float, a: wp.vec2, b: wp.vec2, y: float) -> wp.vec2:
-    """Of the columns near[0] .. near[1] of row y, those on the inner side of an edge, and a little more."""
-    slope = -turned * (b[1] - a[1])
-    rest = turned * ((b[0] - a[0]) * (y - a[1]) + (b[1] - a[1]) * a[0]) + ON_EDGE
-    if wp.abs(slope) < FLAT:
-        return near
-    column = -rest / slope
-    if slope > 0.0:
-        return wp.vec2(wp.max(near[0], column - SPARE), near[1])
-    return wp.vec2(near[0], wp.min(near[1], column + SPARE))
+def within(near: wp.vec2, corner: wp.vec3, row: float, per_rise: float) -> wp.vec2:
+    """Of the columns near[0] .. near[1] of a row, those on the inner side of an edge, and a little more.
+
+    `row`: twice the area inside of the edge that its corner would have in this row.
+    """
+    column = corner[0] + (row + ON_EDGE) * per_rise
+    return wp.vec2(
+        wp.max(near[0], wp.where(per_rise < 0.0, column - SPARE, near[0])),
+        wp.min(near[1], wp.where(per_rise > 0.0, column + SPARE, near[1])),
+    )
 
 
 @wp.kernel(enable_backward=False)
@@ -52,6 +64,8 @@ def raster_kernel(
     stride: float,
     first: int,
     stale: wp.array(dtype=int),
+    # Between:
+    projected: wp.array(dtype=wp.vec3),
     # Out:
     depth_out: wp.array3d(dtype=float),
     triangle_out: wp.array3d(dtype=int),
@@ -59,57 +73,73 @@ def raster_kernel(
     h = first + wp.tid()
     if stale[h] == 0:
         return
-    size = depth_out.shape[1]
+    height = depth_out.shape[1]
+    width = depth_out.shape[2]
     R = R_cam_obj[h]
     t = t_cam_obj[h]
     origin = origin_uv[h]
     per_stride = 1.0 / stride
     axis_obj = wp.transpose(R) * wp.vec3(0.0, 0.0, 1.0)
     camera_obj = -(wp.transpose(R) * t)
-    for i in range(size):
-        for j in range(size):
+    for i in range(height):
+        for j in range(width):
             depth_out[h, i, j] = 0.0
             triangle_out[h, i, j] = -1
+    for n in range(vertices.shape[0]):
+        X = R * vertices[n] + t
+        at = (image_point(X, camera, orthographic) - origin) * per_stride
+        # what is linear in the image: inverse depth under a pinhole, depth under an orthographic camera
+        projected[n] = wp.vec3(at[0], at[1], wp.where(orthographic == 1, X[2], 1.0 / X[2]))
     for face in range(normal_obj.shape[0]):
-        corner = vertices[corners[3 * face]]
+        corner = corners[3 * face]
         visible = wp.bool(True)
         if closed == 1:  # what faces away lies behind what faces the camera
-            visible = wp.dot(normal_obj[face], wp.where(orthographic == 1, axis_obj, corner - camera_obj)) < 0.0
+            away = wp.where(orthographic == 1, axis_obj, vertices[corner] - camera_obj)
+            visible = wp.dot(normal_obj[face], away) < 0.0
         if visible:
-            A = R * corner + t
-            B = R * vertices[corners[3 * face + 1]] + t
-            C = R * vertices[corners[3 * face + 2]] + t
-            if orthographic == 1 or (A[2] > 0.0 and B[2] > 0.0 and C[2] > 0.0):
-                a = (image_point(A, camera, orthographic) - origin) * per_stride
-                b = (image_point(B, camera, orthographic) - origin) * per_stride
-                c = (image_point(C, camera, orthographic) - origin) * per_stride
+            a = projected[corner]
+            b = projected[corners[3 * face + 1]]
+            c = projected[corners[3 * face + 2]]
+            if orthographic == 1 or (a[2] > 0.0 and b[2] > 0.0 and c[2] > 0.0):
                 left = wp.max(int(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]) - ON_EDGE)), 0)
-                right = wp.min(int(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]) + ON_EDGE)), size - 1)
+                right = wp.min(int(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]) + ON_EDGE)), width - 1)
                 top = wp.max(int(wp.ceil(wp.min(wp.min(a[1], b[1]), c[1]) - ON_EDGE)), 0)
-                bottom = wp.min(int(wp.floor(wp.max(wp.max(a[1], b[1]), c[1]) + ON_EDGE)), size - 1)
-                area = across(a, b, c)
-                if left <= right and top <= bottom and wp.abs(area) > 1.0e-9:
-                    # what is linear in the image: inverse depth under a pinhole, depth under an orthographic camera
-                    qa = wp.where(orthographic == 1, A[2], 1.0 / A[2])
-                    qb = wp.where(orthographic == 1, B[2], 1.0 / B[2])
-                    qc = wp.where(orthographic == 1, C[2], 1.0 / C[2])
+                bottom = wp.min(int(wp.floor(wp.max(wp.max(a[1], b[1]), c[1]) + ON_EDGE)), height - 1)
+                ab = wp.vec2(b[0] - a[0], b[1] - a[1])
+                bc = wp.vec2(c[0] - b[0], c[1] - b[1])
+                ca = wp.vec2(a[0] - c[0], a[1] - c[1])
+                area = ca[0] * ab[1] - ca[1] * ab[0]
+                if left <= right and top <= bottom and wp.abs(area) > NO_AREA:
                     turned = wp.sign(area)
-                    per_area = 1.0 / wp.abs(area)
+                    ab = turned * ab
+                    bc = turned * bc
+                    ca = turned * ca
+                    per_ab = of_rise(ab)
+                    per_bc = of_rise(bc)
+                    per_ca = of_rise(ca)
                     for i in range(top, bottom + 1):
                         # of the row, what lies inside of all three edges: a sliver's box is mostly empty
                         y = float(i)
+                        row_ab = ab[0] * (y - a[1])
+                        row_bc = bc[0] * (y - b[1])
+                        row_ca = ca[0] * (y - c[1])
                         near = wp.vec2(float(left), float(right))
-                        near = within(near, turned, b, c, y)
-                        near = within(near, turned, c, a, y)
-                        near = within(near, turned, a, b, y)
+                        near = within(near, a, row_ab, per_ab)
+                        near = within(near, b, row_bc, per_bc)
+                        near = within(near, c, row_ca, per_ca)
                         for j in range(int(wp.ceil(near[0])), int(wp.floor(near[1])) + 1):
-                            p = wp.vec2(float(j), y)
-                            of_a = turned * across(b, c, p)
-                            of_b = turned * across(c, a, p)
-                            of_c = turned * across(a, b, p)
+                            x = float(j)
+                            of_a = row_bc - bc[1] * (x - b[0])
+                            of_b = row_ca - ca[1] * (x - c[0])
+                            of_c = row_ab - ab[1] * (x - a[0])
                             if of_a >= -ON_EDGE and of_b >= -ON_EDGE and of_c >= -ON_EDGE:
-                                q = (of_a * qa + of_b * qb + of_c * qc) * per_area
-                                z = wp.where(orthographic == 1, q, 1.0 / q)
+                                # beside an edge by a rounding: the edge's depth, not one beyond it
+                                of_a = wp.max(of_a, 0.0)
+                                of_b = wp.max(of_b, 0.0)
+                                of_c = wp.max(of_c, 0.0)
+                                whole = of_a + of_b + of_c
+                                part = of_a * a[2] + of_b * b[2] + of_c * c[2]
+                                z = wp.where(orthographic == 1, part, whole) / wp.where(orthographic == 1, whole, part)
                                 if triangle_out[h, i, j] < 0 or z < depth_out[h, i, j]:
                                     depth_out[h, i, j] = z
                                     triangle_out[h, i, j] = face

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
-from itree_kernels.raster import TRIANGLES_PER_PIXEL, raster_kernel
+from itree_kernels.raster import fills, raster_kernel, room_for_vertices
 from itree_kernels.rays import camera_vector, ray_direction, ray_origin, surface_point
 from itree_kernels.rim import ENDS, GOES_ON, rim_between
 from itree_kernels.threads import launch_in_chunks
@@ -303,10 +303,6 @@ class Rays:
         load_kernel(window_kernel, self.mesh.device)
         load_kernel(raster_kernel, self.mesh.device)
 
-    def fills(self, size: int) -> bool:
-        """Whether windows of this size are filled triangle by triangle: on a CPU, unless the mesh is too fine."""
-        return self.mesh.device == "cpu" and len(self.mesh.triangles) <= TRIANGLES_PER_PIXEL * size**2
-
     def cast(self, seen: Windows, first: int, last: int) -> None:
         """Casts the stale ones of the windows first .. last - 1."""
         size, many = seen.size, last - first
@@ -314,12 +310,13 @@ class Rays:
             self.mesh.warp_mesh.id, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, camera_vector(self.camera),
             int(self.camera.is_orthographic), 2.0 * self.reach, float(seen.stride),
         ]
-        if self.fills(size):
+        if fills(self.mesh, size**2):
             wp.launch(
                 raster_kernel, dim=many,
                 inputs=[
                     self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices, self.mesh.normals_obj,
                     int(self.mesh.is_closed), *common[1:6], float(seen.stride), first, seen.stale,
+                    room_for_vertices(self.mesh),
                 ],
                 outputs=[seen.depth, seen.triangle], device=seen.device,
             )  # fmt: skip

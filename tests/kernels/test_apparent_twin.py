@@ -5,7 +5,9 @@ import os
 
 import numpy as np
 import pytest
+from itree_kernels import apparent
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
+from itree_kernels.mesh import RayMesh, ray_mesh
 
 from .solids import LIGHTS, ORTHOGRAPHIC, PINHOLE, SLANT_LIMIT, random_poses, small_solids
 from .twins import apparent_shapes_twin, boundary_band
@@ -22,11 +24,27 @@ def same_bytes(a: ApparentShapes, b: ApparentShapes) -> bool:
     )
 
 
+def by_rays(monkeypatch) -> None:
+    """As on a GPU; else shapes are filled."""
+    monkeypatch.setattr(apparent, "fills", lambda mesh, pixels: False)
+
+
+def without_its_top(mesh: RayMesh) -> RayMesh:
+    """The same surface, open: what lies within is seen, and light falls in."""
+    middle = mesh.vertices[mesh.triangles].mean(axis=1)
+    kept = middle[:, 2] < np.quantile(middle[:, 2], 0.7)
+    return ray_mesh(mesh.vertices, mesh.triangles[kept], np.arange(np.count_nonzero(kept)), "cpu")
+
+
+@pytest.mark.parametrize("rays", [False, True], ids=["filled", "by rays"])
 @pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("solid", SOLIDS)
-def test_kernel_equals_twin(solid, camera):
+@pytest.mark.parametrize("solid", [*SOLIDS, "open torus", "open sphere"])
+def test_kernels_equal_their_twin(solid, camera, rays, monkeypatch):
+    if rays:
+        by_rays(monkeypatch)
     R, t = random_poses(2, seed=len(solid))
-    args = SOLIDS[solid], R, t, CAMERAS[camera], LIGHTS[:2], SLANT_LIMIT
+    mesh = without_its_top(SOLIDS[solid.split()[1]]) if solid.startswith("open") else SOLIDS[solid]
+    args = mesh, R, t, CAMERAS[camera], LIGHTS[:2], SLANT_LIMIT
     kernel, twin = cast_apparent_shapes(*args), apparent_shapes_twin(*args)
     flips = 0
     for view in range(2):
@@ -41,6 +59,29 @@ def test_kernel_equals_twin(solid, camera):
     assert flips <= 2
     assert 0.2 < (twin.face >= 0).mean() < 0.9
     assert twin.detectable.any()
+
+
+def test_what_is_filled_is_what_rays_meet(monkeypatch):
+    """Many views, the three lights: shadows of a concave part on itself, pixel by pixel."""
+    R, t = random_poses(40, seed=11)
+    args = SOLIDS["torus"], R, t, PINHOLE, LIGHTS, SLANT_LIMIT
+    filled = cast_apparent_shapes(*args)
+    by_rays(monkeypatch)
+    cast = cast_apparent_shapes(*args)
+    facing = np.einsum("vhwc,nc->vnhw", cast.normal, LIGHTS) > 0
+    assert np.count_nonzero(facing & ~cast.lit) > 5000
+    assert np.mean(filled.face != cast.face) < 1e-4
+    assert np.mean(filled.lit != cast.lit) < 1e-4
+    assert np.mean(filled.detectable != cast.detectable) < 1e-4
+
+
+def test_a_part_that_reaches_behind_the_camera_is_seen_by_rays():
+    """Its triangles have no image; rays begin at the camera. Seen from within, a closed box's far wall is a back face.
+    """
+    box = SOLIDS["box"]
+    shapes = cast_apparent_shapes(box, np.eye(3)[None], -box.centre[None], PINHOLE, LIGHTS, SLANT_LIMIT)
+    assert (shapes.face >= 0).all()
+    assert not shapes.lit.any()
 
 
 def test_outputs_have_the_stated_types():
@@ -88,8 +129,6 @@ def test_threads_change_nothing(monkeypatch):
 def test_several_threads_are_used(monkeypatch):
     """Else the test above compares one thread with itself."""
     import threading
-
-    import itree_kernels.apparent as apparent
 
     seen, launch = set(), apparent.wp.launch
     both = threading.Barrier(2, timeout=10)  # passes only when two threads are inside at once
