@@ -174,6 +174,6 @@ def shadow_kernel(
                 P = X_cam - t_centre
                 row = cell_of(middle + wp.dot(P, y_cam), side)
                 column = cell_of(middle + wp.dot(P, x_cam), side)
-                if wp.dot(P, lights[n]) < grid.highest[row, column]:  # noqa: SIM102: a kernel's `and` asks both
+                if wp.dot(P, lights[n]) < grid.highest[row, column]:  # noqa: SIM102 (a kernel's `and` asks both)
                     if wp.mesh_query_ray_anyhit(mesh, R_obj_cam * (X_cam - t_cam_obj[view]), toward, 2.1 * radius):
                         lit[view, n, i, j] = False
