@@ -19,7 +19,7 @@ from hypothesis_ranks import errors
 from quality.comparison import markdown_table
 from true_scenes import TrueScene, bins_parser, true_scenes
 
-from itree_jax import narrowing
+from itree_jax import challenge, narrowing, settling
 from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.prepared import prepare_forest
 from itree_jax.recognition import read_scene
@@ -56,9 +56,10 @@ def main(bins: Path, trees: Path | None, every: int) -> None:
         kept = np.concatenate([r.kept for r in mine])
         told = [f"{q:.2f}" for q in np.quantile(right, QUANTILES)] if len(right) else ["-"] * len(QUANTILES)
         under = (f"{(kept < margin).mean():.0%}" for margin in MARGINS)
-        rows.append([of, str(len(mine)), str(len(right)), str(len(kept)), *told, *under])
+        least = " ".join(f"{r:.2f}" for r in np.sort(right)[:5])
+        rows.append([of, str(len(mine)), str(len(right)), str(len(kept)), least, *told, *under])
     print(markdown_table(
-        ["round", "regions", "with a right pose", "poses kept", *(f"right, {q:.1%}" for q in QUANTILES),
+        ["round", "regions", "with a right pose", "poses kept", "least", *(f"right, {q:.1%}" for q in QUANTILES),
          *(f"kept under {m:g}" for m in MARGINS)], rows,
     ))
 
@@ -91,7 +92,7 @@ def ratios_of_scene(one: TrueScene) -> Iterator[Ratio]:
 def noted() -> Iterator[list[tuple[list[Kept], RegionHypotheses]]]:
     """Notes what every reading's rounds keep, and the poses that they end with."""
     readings: list[tuple[list[Kept], RegionHypotheses]] = []
-    narrowed, best = narrowing._narrowed, narrowing.best_of_each_region
+    narrowed, best, as_they_are = narrowing._narrowed, narrowing.best_of_each_region, challenge.best_as_they_are
     current: list[Kept] = []
 
     def all_rounds(hypotheses, prepared, sight, rounds, plan, keep):
@@ -102,13 +103,29 @@ def noted() -> Iterator[list[tuple[list[Kept], RegionHypotheses]]]:
         readings.append((list(current), result[0]))
         return result
 
+    def all_looks(accepted, turned, prepared, sight, plan):
+        current.clear()
+        names.append("as they are")
+        found = as_they_are(accepted, turned, prepared, sight, plan)
+        readings.append((list(current), found))
+        return found
+
+    def all_abreast(score, region, behind):
+        return np.ones(len(score), bool)
+
     def keep_best(score, hypotheses, most, *others):
         kept = best(score, hypotheses, most, *others)
         current.append(Kept(f"{names[-1]}: {len(current)}", score, hypotheses.region, kept))
         return kept
 
     names: list[str] = []
-    with patch.object(narrowing, "_narrowed", all_rounds), patch.object(narrowing, "best_of_each_region", keep_best):
+    with (
+        patch.object(narrowing, "_narrowed", all_rounds), patch.object(narrowing, "best_of_each_region", keep_best),
+        patch.object(challenge, "best_as_they_are", all_looks),
+        patch.object(challenge, "best_of_each_region", keep_best),
+        patch.object(narrowing, "abreast", all_abreast), patch.object(challenge, "abreast", all_abreast),
+        patch.object(settling, "on_all_cores", lambda step, answers: [step(a) for a in answers]),
+    ):  # fmt: skip
         yield readings
 
 

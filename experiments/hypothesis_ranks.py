@@ -7,6 +7,7 @@ much mass lies before the first one within reach of a true pose (MSSD under 25 %
 """
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,13 +19,11 @@ from itree_jax.backtracking import FIRST
 from itree_jax.cli.scene_answer import load_with_trees
 from itree_jax.evaluation.pose_errors import Pose, mssd
 from itree_jax.evaluation.truth import Model, SceneTruth
-from itree_jax.interpreting import BY_EGI, BY_SHAPE, as_hypotheses, placed_by_segment
+from itree_jax.interpreting import as_hypotheses, attitudes_of, placed_by_segment
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
-from itree_jax.region_measures import features_of, measure_regions
+from itree_jax.region_measures import features_of, in_batches, measure_regions
 from itree_jax.sight import look
-from itree_jax.tree.classify import classify
-from itree_jax.tree.determine import determine
 from itree_jax.tree.draws import BESIDE_REACH
 
 REACHED = 0.25  # of the diameter
@@ -65,8 +64,7 @@ def ranks_of_scene(one: TrueScene) -> Iterator[Ranks]:
     asked = np.arange(sight.found.count)
     measured = measure_regions(sight.found, sight.needle, scene.images, scene.sensor, prepared.pitch)
     features = features_of(measured, asked, sight.found, scene.sensor, BESIDE_REACH * prepared.model.reach)
-    log_p = classify(features, prepared.classification).group_log_probability
-    candidates = determine(features, log_p, prepared.determination, BY_SHAPE, BY_EGI)
+    _, candidates = in_batches(partial(attitudes_of, prepared), features)
     first = as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam)
     by_segment = placed_by_segment(first, prepared, sight)
     error = np.minimum(*(errors(h, prepared, one.truth, one.model) for h in (first, by_segment)))

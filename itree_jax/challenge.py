@@ -11,6 +11,7 @@ from itree_jax.narrowing import judge, narrow, narrow_and_judge, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
+    abreast,
     agreement,
     best_of_each_region,
     joined,
@@ -53,14 +54,15 @@ def challengers(
     """Poses that each accepted pose is easily mistaken for, refined and judged; None if there are none. `region` counts
     the accepted ones.
 
-    They are turned about the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
+    The accepted poses go along, and set the measure of what agrees enough (`Round.behind`). The others are turned about
+    the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
     is right as it is, and rough rounds would only lead it astray; where it repeats some faces, it has to be moved.
     """
     turned = turned_about_axes(accepted, prepared.turns).unmet
     moved = shown_at(accepted, turned, prepared, sight.sensor, plan.turned[0].stage.size)
-    moved = narrow(moved, prepared, sight, plan.turned[:-1], plan)
-    closest = turned.take(best_as_they_are(turned, prepared, sight, plan))
-    closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan, [MOST_AS_THEY_ARE])
+    moved = narrow(joined(accepted.unmet, moved), prepared, sight, plan.turned[:-1], plan)
+    closest = best_as_they_are(accepted.unmet, turned, prepared, sight, plan)
+    closest = narrow(closest, prepared, sight, plan.turned[-2:-1], plan, [MOST_AS_THEY_ARE + 1])
     both = others_than(accepted, joined(moved, closest), prepared)
     if not len(both.region):
         return None
@@ -78,29 +80,33 @@ def beside_turned(answer: Interpretation, sight: Sight) -> Interpretation:
     plan = plan_of(answer, sight)
     poses = answer.hypotheses.take(accepted)._replace(region=np.arange(len(accepted)))
     turned = turned_about_axes(poses, prepared.turns).unmet
-    closest = others_than(poses, turned.take(best_as_they_are(turned, prepared, sight, plan)), prepared)
+    closest = others_than(poses, best_as_they_are(poses.unmet, turned, prepared, sight, plan), prepared)
+    if not len(closest.region):
+        return answer
     closest = closest._replace(region=answer.hypotheses.region[accepted][closest.region])
     return with_more(answer, closest, judge(closest, prepared, sight, plan), sight)
 
 
 def best_as_they_are(
-    hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
-) -> Int[np.ndarray, "kept"]:
-    """Indices of the `MOST_AS_THEY_ARE` of every region that agree best without any refinement, fine enough to see the
-    small feature that tells them apart; with a depth map of the `MOST_ROUGHLY` that do so in the first round's windows.
+    accepted: RegionHypotheses, turned: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule
+) -> RegionHypotheses:
+    """The `MOST_AS_THEY_ARE` turned poses of every accepted one (`region`) that agree best without any refinement, fine
+    enough to see the small feature that tells them apart; with a depth map of the `MOST_ROUGHLY` that do so in the
+    first round's windows. The accepted pose is one more of them.
     """
     symmetries, diameter = prepared.symmetries, prepared.model.diameter
     last = replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)
     looks = [(plan.turned[0], prepared.rough, MOST_ROUGHLY), (last, prepared.model, MOST_AS_THEY_ARE)]
-    kept = np.arange(len(hypotheses.region))
+    found = joined(accepted, turned)
     for step, model, most in looks if sight.kind == "depth" else looks[1:]:
-        some = hypotheses.take(kept)
         verdict, _, _ = verify(
-            some.poses, model, sight.held_against, sight.sensor.camera, step.tolerances, step.stage.size, plan.jump,
+            found.poses, model, sight.held_against, sight.sensor.camera, step.tolerances, step.stage.size, plan.jump,
             sight.others,
         )
-        kept = kept[best_of_each_region(agreement(verdict), some, most, symmetries, diameter)]
-    return kept
+        score = agreement(verdict)
+        kept = best_of_each_region(score, found, most + 1, symmetries, diameter)
+        found = found.take(kept[abreast(score, found.region, last.behind)[kept]])
+    return found
 
 
 def others_than(

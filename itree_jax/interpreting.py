@@ -1,6 +1,7 @@
 """What one tree makes of regions: groups, attitudes, poses that are refined and verified (Ikeuchi 1987, sec. 3)."""
 
-import jax
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -9,16 +10,17 @@ from itree_jax.at_a_glance import best_at_a_glance
 from itree_jax.backtracking import Beam, likeliest
 from itree_jax.challenge import challenged
 from itree_jax.competition import when_asked
+from itree_jax.features.region import RegionFeatures
 from itree_jax.narrowing import narrow, narrow_and_judge
 from itree_jax.open_places import every_attitude, open_places
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses, distinct, joined, place
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.verify import visible_centres
-from itree_jax.region_measures import Measured, features_of
+from itree_jax.region_measures import Measured, features_of, in_batches
 from itree_jax.root_answer import RootAnswer
 from itree_jax.sight import Sight
-from itree_jax.tree.classify import classify
+from itree_jax.tree.classify import Classification, classify
 from itree_jax.tree.determination_rules import Candidates
 from itree_jax.tree.determine import determine
 from itree_jax.tree.draws import BESIDE_REACH
@@ -35,10 +37,7 @@ def interpret(
     """Regions -> groups -> attitudes -> refined and verified poses, all regions that are asked for in one batch."""
     tree, sensor = prepared.tree, sight.sensor
     features = features_of(measured, asked, sight.found, sensor, BESIDE_REACH * prepared.model.reach)
-    classification = jax.device_get(classify(features, prepared.classification))
-    candidates = determine(
-        features, classification.group_log_probability, prepared.determination, BY_SHAPE, BY_EGI
-    )
+    classification, candidates = in_batches(partial(attitudes_of, prepared), features)
     hypotheses = likeliest(as_hypotheses(candidates, prepared, sight, asked, measured.R_ray_cam), beam.mass)
     hypotheses = joined(hypotheses, placed_by_segment(hypotheses, prepared, sight))
     hypotheses = hypotheses.take(distinct(hypotheses, prepared.symmetries, prepared.model.diameter))
@@ -60,13 +59,20 @@ def interpret(
     return challenged(answer, sight)
 
 
+def attitudes_of(prepared: Prepared, features: RegionFeatures) -> tuple[Classification, Candidates]:
+    """What the tree says of some regions: their groups, and attitudes of these."""
+    classification = classify(features, prepared.classification)
+    prior = classification.group_log_probability
+    return classification, determine(features, prior, prepared.determination, BY_SHAPE, BY_EGI)
+
+
 def as_hypotheses(
     candidates: Candidates, prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"],
     R_ray_cam: Float[np.ndarray, "regions 3 3"],
 ) -> RegionHypotheses:
     """Candidate attitudes placed so that the appearance's mean surface point lies on the region's."""
     found = sight.found
-    R_ray_obj, row, score = (np.asarray(c)[: len(asked)] for c in candidates)
+    R_ray_obj, row, score = map(np.asarray, candidates)
     # a part with few appearances leaves places in the list: they repeat the region's best
     empty = ~np.isfinite(score)
     best = np.argmax(score, axis=1)[:, None]

@@ -9,6 +9,7 @@ from itree_jax.prepared import Prepared
 from itree_jax.refinement.ambiguity import same_place
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
+    abreast,
     agreement,
     best_of_each_region,
     covered,
@@ -70,6 +71,7 @@ def _narrowed(
             score = rough_share(verdict) * covered(verdict, sight.found.area_px[hypotheses.region] / pixels)
         most = keep[k] if keep else step.keep
         kept = best_of_each_region(score, hypotheses, most, symmetries, diameter)
+        kept = kept[abreast(score, hypotheses.region, step.behind)[kept]]
         hypotheses, verdict = hypotheses.take(kept), verdict.take(kept)
     if verdict is None:
         raise ValueError("narrow needs at least one round")

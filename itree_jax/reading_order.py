@@ -35,7 +35,7 @@ def ask(forest: PreparedForest, images: Float[np.ndarray, "lights height width"]
     measured = {
         pitch: measure_regions(found, sight.needle, images, sight.sensor, pitch) for pitch in forest.pitches
     }
-    return Asked(measured, ask_root(forest, measured, found.count))
+    return Asked(measured, ask_root(forest, measured))
 
 
 def read(

@@ -10,7 +10,7 @@ from itree_jax.detections import Step
 from itree_jax.features.region import RegionFeatures
 from itree_jax.kept_functions import kept
 from itree_jax.prepared import PreparedForest
-from itree_jax.region_measures import Measured
+from itree_jax.region_measures import Measured, in_batches
 from itree_jax.tree.root import NONE, ROOT_RULES, Quantities, Root, rules_of
 from itree_jax.tree.tree import ROOT
 
@@ -26,10 +26,10 @@ class RootAnswer(NamedTuple):
     measured: tuple[Quantities, ...]  # per part
 
 
-def ask_root(forest: PreparedForest, measured: Mapping[float, Measured], count: int) -> RootAnswer:
-    """Asks for the first `count` regions, measured in windows of every pitch [mm]. A lone part is left everywhere."""
+def ask_root(forest: PreparedForest, measured: Mapping[float, Measured]) -> RootAnswer:
+    """Asks for all regions, measured in windows of every pitch [mm]. A lone part is left everywhere."""
     of_pitch = {
-        pitch: tuple(np.asarray(q)[:count] for q in root_quantities(one.features)) for pitch, one in measured.items()
+        pitch: in_batches(root_quantities, one.features) for pitch, one in measured.items()
     }
     of_part = tuple(of_pitch[prepared.pitch] for prepared in forest.trees)
     posterior = forest.root.log_posterior(of_part)

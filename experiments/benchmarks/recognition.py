@@ -35,7 +35,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
     "needles, regions, edges": ((recognition, "look"),),
     "reflected light": ((recognition, "subtract_reflections"),),
     "features of regions": ((reading_order, "measure_regions"),),
-    "tree": ((reading_order, "ask_root"), (interpreting, "classify"), (interpreting, "determine")),
+    "tree": ((reading_order, "ask_root"), (interpreting, "in_batches")),
     "placing": ((interpreting, "every_attitude"), (interpreting, "placed_by_segment"), (challenge, "shown_at")),
     "refinement": ((narrowing, "refine"), (settling, "refine")),
     "verification": ((narrowing, "verify"), (challenge, "verify")),

@@ -140,7 +140,7 @@ def recognise(case: Case, measured: Measured, prepared: Prepared) -> Recognised:
     assert scene.depth is not None  # simulated scenes have one
     forest = as_forest(prepared)
     regions = measure_regions(found, needle, scene.images, scene.sensor, prepared.pitch)
-    said = ask_root(forest, {prepared.pitch: regions}, found.count)
+    said = ask_root(forest, {prepared.pitch: regions})
     sight = look(scene.images, scene.sensor, np.asarray(scene.depth, np.float32), scene.R_w2c)
     answer = interpret(prepared, 0, np.arange(found.count), said, regions, sight, FIRST)
     detections = Detections(

@@ -126,7 +126,7 @@ def rule_preferences(
     scales = DeterminationScales(*(jnp.float32(s) for s in tree.determination.scales))
     f = r.features
     seen = compare_shape(f, rows)
-    left = mass_centre_penalty(seen, scales) + bounded(seen.size / scales.size)
+    left = mass_centre_penalty(seen.tilt, seen.concentration, scales) + bounded(seen.size / scales.size)
     left = left[:, None] + jnp.where(within_roll(seen.turn, 2.0 * np.pi / tree.rolls), 0.0, FAR)
     left = left + relation_penalty(f, rows, scales)
     penalty = {rule.name: rule.penalty(f, rows, scales) for rule in DETERMINATION_RULES if rule.penalty}

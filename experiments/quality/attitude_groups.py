@@ -7,6 +7,7 @@ left. A group is named by what is detectable at a view and roll; a bin cuts regi
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +19,11 @@ from jaxtyping import Bool, Float, Int
 from itree_jax.evaluation.pose_errors import Pose
 from itree_jax.evaluation.report import Rate
 from itree_jax.features.window import smallest_rotation_to_z
-from itree_jax.interpreting import BY_EGI, BY_SHAPE
+from itree_jax.interpreting import attitudes_of
 from itree_jax.prepared import Prepared
-from itree_jax.region_measures import features_of, measure_regions
+from itree_jax.region_measures import features_of, in_batches, measure_regions
 from itree_jax.sight import Sight
 from itree_jax.tree.appearances import face_areas, mesh_reach, window_camera
-from itree_jax.tree.classify import classify
-from itree_jax.tree.determine import determine
 from itree_jax.tree.draws import BESIDE_REACH
 from itree_jax.tree.groups import group_of_label
 from itree_jax.tree.tree import InterpretationTree
@@ -96,10 +95,9 @@ def region_groups(
     measured = measure_regions(found, sight.needle, images, sensor, prepared.pitch)
     every = np.arange(found.count)
     features = features_of(measured, every, found, sensor, BESIDE_REACH * prepared.model.reach)
-    log_probability = classify(features, prepared.classification).group_log_probability
-    candidates = determine(features, log_probability, prepared.determination, BY_SHAPE, BY_EGI)
-    kept = np.where(tree.groups.pruned, -np.inf, np.asarray(log_probability)[: found.count])
-    row, likelihood = (np.asarray(a)[: found.count] for a in (candidates.row, candidates.log_likelihood))
+    classification, candidates = in_batches(partial(attitudes_of, prepared), features)
+    kept = np.where(tree.groups.pruned, -np.inf, classification.group_log_probability)
+    row, likelihood = candidates.row, candidates.log_likelihood
     group = tree.appearances.group[tree.appearances.attitude[row]]
     left = np.zeros(kept.shape, bool)
     region, place = np.nonzero(np.isfinite(likelihood))

@@ -112,6 +112,19 @@ def best_of_each_region(
     return np.concatenate(kept) if kept else np.zeros(0, int)
 
 
+def abreast(
+    score: Float[np.ndarray, "hypotheses"], region: Int[np.ndarray, "hypotheses"], behind: float | None
+) -> Bool[np.ndarray, "hypotheses"]:
+    """Which score more than this share of the best of their region, and more than nothing; the best always does. None:
+    all do.
+    """
+    if behind is None:
+        return np.ones(len(score), bool)
+    best = np.full(region.max(initial=-1) + 1, -np.inf)
+    np.maximum.at(best, region, score)
+    return (score == best[region]) | (score > np.maximum(behind * best[region], 0.0))
+
+
 def distinct(
     hypotheses: RegionHypotheses, symmetries: Symmetries, diameter: float, nearly: float = REPEATED
 ) -> Int[np.ndarray, "distinct"]:

@@ -27,6 +27,10 @@ FACE_TURNED = np.radians(8.0)  # what a highlight or a corner's reflections turn
 FACE_MOVED = 10.0  # times what matched depth is off by else: a highlight lies behind a curved face, or before it
 NOISE_SIGMAS = 4.0
 LAST_SIGMAS = 3.0  # at the end: what a pixel is off by more is a part that leans on this one
+# With a depth map agreement tells right poses from wrong ones once they are refined a little: of those that ended right
+# none had less of its region's best (experiments/beam_margins.py: 0.23 and more; turned poses, which compete with one
+# that agrees already, 0.55, after the first round 0.17).
+READ_BEHIND, TURNED_BEHIND, TURNED_ROUGHLY_BEHIND = 0.2, 0.4, 0.1
 DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
 IMAGE_EDGE_GATE = 1.5  # [px]: three deviations; images have edges of textures and other parts a few pixels away
 
@@ -38,6 +42,7 @@ class Round:
     stage: Stage
     keep: int  # hypotheses per region after this round
     tolerances: Tolerances
+    behind: float | None = None  # share of its region's best agreement under which a pose is left behind; None: none is
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class Schedule:
     """All rounds of one part under one sensor."""
 
     rounds: tuple[Round, ...]  # of the candidates
-    turned: tuple[Round, ...]  # of accepted poses turned about their main axes
+    turned: tuple[Round, ...]  # of accepted poses and those turned about their main axes
     last: Stage  # of the answers and their rivals, at the image's resolution
     deviations: Deviations
     independent: Deviations  # of the last stage: a depth map's pixels may err independently
@@ -82,6 +87,9 @@ def schedule(
     def tolerances(depth: float, needle: float, least_jump: float) -> Tolerances:
         return Tolerances(*(np.asarray(v, np.float32) for v in (depth, needle, least_jump, edge)))
 
+    read, turned_rough, turned_fine = (
+        (READ_BEHIND, TURNED_ROUGHLY_BEHIND, TURNED_BEHIND) if edge == 0.0 else (None, None, None)
+    )
     middle_steps, fine_steps = (5, 4) if edge == 0.0 else (7, 6)
     polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
     rounds = (
@@ -99,19 +107,36 @@ def schedule(
             Stage(middle_steps, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)),
             5,
             tolerances(max(middle / 2, fine), np.radians(25.0), max(jump, middle / 2)),
+            read,
         ),
         Round(
             Stage(fine_steps, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
             2,
             tolerances(fine, np.radians(20.0), jump),
+            read,
         ),
-        Round(polish, 2, tolerances(fine, np.radians(20.0), jump)),
+        Round(polish, 2, tolerances(fine, np.radians(20.0), jump), read),
     )
     turned = (
-        Round(Stage(2, 24, (start, middle), (1.0, 0.8), (start / pitch, middle / pitch)), 8, rounds[1].tolerances),
-        Round(Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)), 4, rounds[2].tolerances),
-        Round(Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)), 2, rounds[3].tolerances),
-        Round(polish, 2, rounds[4].tolerances),
+        Round(
+            Stage(2, 24, (start, middle), (1.0, 0.8), (start / pitch, middle / pitch)),
+            9,
+            rounds[1].tolerances,
+            turned_rough,
+        ),
+        Round(
+            Stage(5, 32, (start, middle), (1.0, 0.6), (start / pitch, middle / pitch)),
+            5,
+            rounds[2].tolerances,
+            turned_fine,
+        ),
+        Round(
+            Stage(4, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
+            3,
+            rounds[3].tolerances,
+            turned_fine,
+        ),
+        Round(polish, 2, rounds[4].tolerances, turned_fine),
     )
     values = (max(noise, RASTER * pitch), max(bias, 0.02 * pitch), 0.0, NEEDLE_PIXEL, NEEDLE_BIAS, 0.0,
               EDGE_PIXEL, EDGE_BIAS, 0.0)

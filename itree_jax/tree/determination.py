@@ -159,7 +159,7 @@ def rule_errors(
         a2 = attitude_error(egi_candidates(f, rows, prior, scales, 1).R_ray_obj[0], R, turns, axes)
         seen = compare_shape(f, rows)
         own = (rows.area > 0) & (rows.group == g)
-        base = mass_centre_penalty(seen, scales) + bounded(seen.size / scales.size)
+        base = mass_centre_penalty(seen.tilt, seen.concentration, scales) + bounded(seen.size / scales.size)
         base = base[:, None] + jnp.where(within_roll(seen.turn, roll_step), 0.0, FAR)
         base = jnp.where(own[:, None], base, jnp.inf)
         a3, a4 = relation_penalty(f, rows, scales), direction_penalty(f, rows, seen, scales)

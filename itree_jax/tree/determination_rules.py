@@ -26,6 +26,7 @@ from itree_jax.tree.appearance_rows import (
 from itree_jax.tree.determination_relations import map_penalty
 
 FAR = 1e3  # penalty of a turn that no appearance stands for [log-likelihood]
+PROMISING = 1024  # appearances whose outlines are compared: of the others mean normal and EGI say enough
 
 
 class Candidates(NamedTuple):
@@ -58,15 +59,15 @@ def compare_shape(features: RegionFeatures, rows: AppearanceArrays) -> ShapeComp
     lag = features.inertia.alpha - jnp.arctan2(toward @ e2, toward @ e1)  # appearance's direction to region's
     step = jnp.arange(n_theta) * (2.0 * jnp.pi / n_theta)
     half = jnp.pi / 2.0
-    cosine = jnp.clip(rows.mean_normal @ features.mean_normal, -1.0, 1.0)
+    tilt, concentration = compare_mass_centres(features, rows)
     lengths = jnp.log(jnp.maximum(features.inertia.I_max, 1.0)) - jnp.log(jnp.maximum(rows.inertia[:, 0], 1.0))
     return ShapeComparison(
-        tilt=jnp.arccos(cosine),
+        tilt=tilt,
         turn=wrapped(lag[:, None] + step[None, :]),
         direction=half - jnp.abs(half - step % jnp.pi),
         distance=outline_distance(features.outline, rows.outline),
         size=0.25 * lengths,
-        concentration=jnp.sqrt(jnp.sum(features.mass_centre**2) + 1e-12) - rows.concentration,
+        concentration=concentration,
     )
 
 
@@ -114,29 +115,44 @@ def shape_candidates(
     and by what lies where, each at its best turn.
 
     Brothers and maps count in groups whose determination steps use them. `roll_step` [rad] is the angle between the
-    rolls of the appearances.
+    rolls of the appearances. Outlines are compared of the `PROMISING` appearances for which mean normal, EGI and group
+    leave most room: no appearance is likelier than that.
     """
-    seen = compare_shape(features, rows)
-    a1 = mass_centre_penalty(seen, scales)
-    l1 = bounded(seen.size / scales.size)
-    a4 = direction_penalty(features, rows, seen, scales)
+    excess, elsewhere = egi_penalty(features, rows, scales)
+    tilt, concentration = compare_mass_centres(features, rows)
+    a1 = mass_centre_penalty(tilt, concentration, scales)
+    most_that = group_log_prior[rows.group] - a1 - elsewhere - jnp.minimum(excess, MOST_PENALTY)
+    most_that = jnp.where(rows.area > 0, most_that, -jnp.inf)
+    bound, promising = jax.lax.top_k(most_that, min(max(PROMISING, 2 * most), rows.area.shape[0]))
+    some = take_rows(rows, promising)
+    seen = compare_shape(features, some)
+    a4 = direction_penalty(features, some, seen, scales)
     a5 = bounded(seen.distance / scales.outline)
     penalty = a4 + a5 + jnp.where(within_roll(seen.turn, roll_step), 0.0, FAR)
     at = jnp.argmin(penalty, axis=1)
-    excess, elsewhere = egi_penalty(features, rows, scales)
-    whole = jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] + l1 + jnp.minimum(excess, MOST_PENALTY)
-    score = group_log_prior[rows.group] - a1 - elsewhere - whole
-    value, row = jax.lax.top_k(jnp.where(rows.area > 0, score, -jnp.inf), min(2 * most, rows.area.shape[0]))
-    value = value - map_penalty(features, take_rows(rows, row), scales, at[row])
+    whole = jnp.take_along_axis(penalty, at[:, None], axis=1)[:, 0] + bounded(seen.size / scales.size)
+    value, k = jax.lax.top_k(bound - whole, min(2 * most, len(bound)))
+    value = value - map_penalty(features, take_rows(rows, promising[k]), scales, at[k])
     value, kept = jax.lax.top_k(value, most)
-    row = row[kept]
-    R = about_normal(features.mean_normal, seen.turn[row, at[row]]) @ facing(rows, row, features.mean_normal)
+    k = k[kept]
+    row = promising[k]
+    R = about_normal(features.mean_normal, seen.turn[k, at[k]]) @ facing(rows, row, features.mean_normal)
     return Candidates(R, row, value)
 
 
-def mass_centre_penalty(seen: ShapeComparison, scales: DeterminationScales) -> Float[Array, "rows"]:
+def compare_mass_centres(
+    features: RegionFeatures, rows: AppearanceArrays
+) -> tuple[Float[Array, "rows"], Float[Array, "rows"]]:
+    """Angles [rad] between the mean normals, and differences of the lengths of the EGI mass centres."""
+    cosine = jnp.clip(rows.mean_normal @ features.mean_normal, -1.0, 1.0)
+    return jnp.arccos(cosine), jnp.sqrt(jnp.sum(features.mass_centre**2) + 1e-12) - rows.concentration
+
+
+def mass_centre_penalty(
+    tilt: Float[Array, "rows"], concentration: Float[Array, "rows"], scales: DeterminationScales
+) -> Float[Array, "rows"]:
     """A1: of the angle between the EGI mass centres, and of their lengths, which a cut region changes."""
-    return 0.5 * (seen.tilt / scales.tilt) ** 2 + bounded(seen.concentration / scales.concentration)
+    return 0.5 * (tilt / scales.tilt) ** 2 + bounded(concentration / scales.concentration)
 
 
 def direction_penalty(

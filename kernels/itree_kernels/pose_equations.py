@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from itree_kernels.rays import camera_vector, image_point, surface_point
+from itree_kernels.rays import camera_vector, image_point
 from itree_kernels.scene_maps import SceneMaps, SeenBy
 from itree_kernels.windows import Windows
 
@@ -71,6 +71,15 @@ def push_of(X: wp.vec3, direction: wp.vec2, camera: wp.vec4, orthographic: int) 
     return wp.vec3(a, b, slope)
 
 
+@wp.func
+def point_seen(u: float, v: float, z: float, camera: wp.vec4, per_f: wp.vec2, orthographic: int) -> wp.vec3:
+    """`surface_point`, the camera's divisions done beforehand."""
+    x = (u - camera[2]) * per_f[0]
+    y = (v - camera[3]) * per_f[1]
+    scale = wp.where(orthographic == 1, 1.0, z)
+    return wp.vec3(x * scale, y * scale, z)
+
+
 @wp.kernel(enable_backward=False)
 def equations_kernel(
     # In:
@@ -108,6 +117,10 @@ def equations_kernel(
     R = R_cam_obj[h]
     t = t_cam_obj[h]
     t_cast = cast_t[h]
+    per_f = wp.vec2(1.0 / camera[0], 1.0 / camera[1])
+    per_depth = 1.0 / (gates.depth * gates.depth)
+    per_needle = 1.0 / (gates.needle * gates.needle)
+    per_contour = 1.0 / (gates.contour * gates.contour)
     turn = R * wp.transpose(cast_R[h])
     u_first = origin_uv[h][0]
     v = origin_uv[h][1] + stride * float(i)
@@ -121,7 +134,7 @@ def equations_kernel(
     for j in range(size):
         face = triangle[h, i, j]
         if face >= 0:
-            X = surface_point(u_first + stride * float(j), v, depth[h, i, j], camera, orthographic)
+            X = point_seen(u_first + stride * float(j), v, depth[h, i, j], camera, per_f, orthographic)
             arm = turn * (X - t_cast)
             X = arm + t
             uv = image_point(X, camera, orthographic)
@@ -131,10 +144,10 @@ def equations_kernel(
                 normal = R * normal_obj[face]
                 z = maps.depth[row, column]
                 if z > 0.0:
-                    X_seen = surface_point(float(column), float(row), z, camera, orthographic)
+                    X_seen = point_seen(float(column), float(row), z, camera, per_f, orthographic)
                     residual = wp.dot(normal, X_seen - X)
-                    variance = variance_across(normal, X, gates.grazing, orthographic)
-                    w = tukey(residual * residual / (gates.depth * gates.depth * variance)) / variance
+                    per_variance = 1.0 / variance_across(normal, X, gates.grazing, orthographic)
+                    w = tukey(residual * residual * per_depth * per_variance) * per_variance
                     if w > 0.0:
                         J = -wp.spatial_vector(wp.cross(arm, normal), normal)
                         depth_count += w
@@ -143,7 +156,7 @@ def equations_kernel(
                 believed = maps.needle_weight[row, column]
                 if believed > 0.0 and (z <= 0.0 or wp.abs(z - X[2]) < gates.depth):
                     differ = maps.normals[row, column] - normal
-                    w = believed * tukey(wp.length_sq(differ) / (gates.needle * gates.needle))
+                    w = believed * tukey(wp.length_sq(differ) * per_needle)
                     needle_count += w
                     needle_outer += wp.outer(w * normal, normal)
                     needle_gradient += w * wp.cross(differ, normal)
@@ -167,7 +180,7 @@ def equations_kernel(
                     break
                 z = contour_depth[h, side, i, j]
                 at = contour_uv[h, side, i, j]
-                arm = turn * (surface_point(at[0], at[1], z, camera, orthographic) - t_cast)
+                arm = turn * (point_seen(at[0], at[1], z, camera, per_f, orthographic) - t_cast)
                 X = arm + t
                 uv = image_point(X, camera, orthographic)
                 column = int(wp.rint(2.0 * uv[0]))
@@ -178,7 +191,7 @@ def equations_kernel(
                     # an edge at another depth belongs to another part
                     if z_edge <= 0.0 or wp.abs(z_edge - X[2]) < 2.0 * gates.depth:
                         gap = uv - maps.edge_uv[edge]
-                        w = tukey(wp.length_sq(gap) / (gates.contour * gates.contour))
+                        w = tukey(wp.length_sq(gap) * per_contour)
                         if w > 0.0:
                             direction = maps.edge_normal[edge]
                             push = push_of(X, direction, camera, orthographic)

@@ -24,6 +24,7 @@ from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES, DETERM
 from itree_jax.tree.determination_relations import compare_maps, map_penalty, relation_penalty
 from itree_jax.tree.determination_rules import (
     about_normal,
+    compare_mass_centres,
     compare_shape,
     egi_candidates,
     egi_elsewhere,
@@ -363,9 +364,10 @@ def test_maps_and_brothers_count_where_the_groups_steps_use_them(patterned, roll
 def test_the_length_of_the_mass_centre_is_a1s_too(rows, gem_table, as_features):
     """A plane's is 1 and a curved surface's less: looking the same way, they differ."""
     features = as_features(gem_table, 7)
-    seen = compare_shape(features, rows)
-    np.testing.assert_allclose(mass_centre_penalty(seen, SCALES)[7], 0.0, atol=1e-3)
+    same = compare_mass_centres(features, rows)
+    np.testing.assert_allclose(mass_centre_penalty(*same, SCALES)[7], 0.0, atol=1e-3)
     flatter = features._replace(mass_centre=features.mean_normal)
     shorter = float(np.linalg.norm(features.mass_centre))
     expected = min(0.5 * ((1 - shorter) / float(SCALES.concentration)) ** 2, MOST_PENALTY)
-    np.testing.assert_allclose(mass_centre_penalty(compare_shape(flatter, rows), SCALES)[7], expected, rtol=0.05)
+    other = compare_mass_centres(flatter, rows)
+    np.testing.assert_allclose(mass_centre_penalty(*other, SCALES)[7], expected, rtol=0.05)
