@@ -78,7 +78,7 @@ def brothers_in_scene(
     features, R_ray_cam, count = measured.features, measured.R_ray_cam, found.count
     X_cam = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
     normal_cam = np.einsum("rca,rc->ra", R_ray_cam, features.mean_normal)
-    area, alpha = features.area, features.inertia.alpha
+    area, alpha = np.asarray(features.area), features.inertia.alpha
     found_of = [
         brothers(X_cam @ R_ray_cam[k].T, normal_cam @ R_ray_cam[k].T, np.full(count, alpha[k]), area, reach)[k]
         for k in asked

@@ -125,14 +125,20 @@ def look(
 
     needle, of_depth = at_once(lambda: first_needles(images, sensor, depth), of_surface)
     needle = corrected(needle, sensor, depth, responses[0], of_depth)
-    found = regions(needle, depth, sensor, R_w2c)
-    held = held_by(found.labels, depth, sensor)
-    observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
-    if not sensor.is_depth_camera:
-        observed = with_shading(observed, images, sensor, needle)
+
+    def found_and_held() -> tuple[Regions, HeldBy]:
+        found = regions(needle, depth, sensor, R_w2c)
+        return found, held_by(found.labels, depth, sensor)
+
+    def observed_and_lit() -> tuple[ObservedMaps, Bool[np.ndarray, "height width"] | None]:
+        observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
+        if not sensor.is_depth_camera:
+            observed = with_shading(observed, images, sensor, needle)
+        return observed, lit_by_any(images, sensor, needle)
+
+    (found, held), (observed, lit) = at_once(found_and_held, observed_and_lit)
     return Sight(
-        found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth,
-        lit=lit_by_any(images, sensor, needle),
+        found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth, lit=lit,
     )
 
 

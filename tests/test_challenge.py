@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from itree_jax.challenge import beside_turned, challenged, challengers, others_than, plan_of, shown_at
+from itree_jax import challenge
+from itree_jax.challenge import beside_turned, came_back, challenged, challengers, others_than, plan_of, shown_at
 from itree_jax.prepared import prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.hypotheses import joined, turned_about_axes
@@ -62,6 +63,24 @@ def test_a_turned_pose_gives_way_to_the_right_one(prepared, read, k):
     again = challenged(found, sight)  # who wins a place is challenged in its turn, and stays
     assert again.hypotheses.challenged[again.selection.accepted].all()
     assert turn_between(best(again)[0], truth.R_cam_obj) < 1.0
+
+
+def test_the_accepted_pose_goes_along_with_its_challengers_and_is_none_of_them(prepared, read, monkeypatch):
+    """It is what they have to agree as well as; what is as good as turned back to it is no challenger."""
+    answer, sight, _ = read
+    accepted = answer.hypotheses.take(answer.selection.accepted[:1])._replace(region=np.zeros(1, int))
+    measures, narrow = [], challenge.narrow
+
+    def noted(hypotheses, *args):
+        R = np.asarray(hypotheses.poses.R_cam_obj)
+        measures.append(np.isclose(R, accepted.poses.R_cam_obj[0], atol=1e-6).all(axis=(1, 2)).any())
+        return narrow(hypotheses, *args)
+
+    monkeypatch.setattr(challenge, "narrow", noted)
+    found = challengers(accepted, prepared, sight, plan_of(answer, sight))
+    assert measures == [True, True]
+    if found is not None:
+        assert not came_back(accepted, found[0], prepared).any()
 
 
 def test_whoever_met_its_challengers_is_left_alone(read):

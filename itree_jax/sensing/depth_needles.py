@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.sensing.curving import added_by_third_order
 from itree_jax.sensing.window_fits import WindowFits, window_fits
+from itree_jax.tree.batches import on_all_cores
 
 RADIUS = 4  # [px]: 9 x 9 pixels; 0.3 mm of noise at half a millimetre per pixel turn a normal by 1.3 degrees
 SMALLER = (1, 2)  # [px] less than the radius, in turn; 5 x 5 pixels turn it by four degrees
@@ -76,7 +77,8 @@ def depth_needles(
     pitch = np.full_like(z, 1.0 / camera.fx) if camera.is_orthographic else z / camera.fx
     values = _values(z, there, pitch, camera, noise, radius)
     taken = _Taken(np.zeros((*z.shape, 2)), np.zeros_like(z), np.zeros(z.shape, np.int64))
-    fits = [window_fits(values.value, values.full, radius - less) for less in (0, *SMALLER) if radius - less > 0]
+    radii = [radius - less for less in (0, *SMALLER) if radius - less > 0]
+    fits = on_all_cores(lambda r: window_fits(values.value, values.full, r), radii)
     _take_around(taken, fits[0], values, camera, fits[0].curved <= BENT * values.variance)
     _take_beside(taken, fits[0], values)
     for fit in fits:

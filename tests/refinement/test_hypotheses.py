@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
+    abreast,
     best_of_each_region,
     covered,
     joined,
@@ -125,6 +126,14 @@ def test_placing_puts_the_appearances_point_on_the_regions(kind):
     R, t = place(R_ray_obj, centroid, R_ray_cam, X)
     np.testing.assert_allclose(np.einsum("rca,rkab->rkcb", R_ray_cam, R), R_ray_obj, atol=1e-12)
     np.testing.assert_allclose(np.einsum("rkab,rkb->rka", R, centroid) + t, np.tile(X[:, None], (1, 3, 1)), atol=1e-9)
+
+
+def test_abreast_of_the_best_of_a_region():
+    score, region = np.array([0.8, 0.3, 0.1, -0.1, -0.4, 0.0]), np.array([0, 0, 0, 2, 2, 2])
+    assert abreast(score, region, 0.25).tolist() == [True, True, False, False, False, True]
+    assert abreast(score, region, None).all()
+    assert abreast(-score - 1.0, region, 0.25).tolist() == [False, False, True, False, True, False]
+    assert abreast(np.zeros(0), np.zeros(0, int), 0.5).shape == (0,)
 
 
 def test_the_best_of_each_region_without_repetitions():

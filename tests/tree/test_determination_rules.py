@@ -17,6 +17,7 @@ from itree_jax.features.polar import ANGLES, RADII
 from itree_jax.features.rectify import face_axes, gradient_space
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import BROTHER_FIELDS, MOST_BROTHERS
+from itree_jax.tree import determination_rules
 from itree_jax.tree.appearance_rows import MOST_PENALTY, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import STORED_BROTHERS, appearances
 from itree_jax.tree.determination import appearance_arrays, attitude_error
@@ -28,6 +29,7 @@ from itree_jax.tree.determination_rules import (
     compare_shape,
     egi_candidates,
     egi_elsewhere,
+    egi_penalty,
     mass_centre_penalty,
     outline_distance,
     shape_candidates,
@@ -225,6 +227,30 @@ def test_every_appearance_has_a_turn_within_its_roll(rows, gem_table, as_feature
         allowed = within_roll(compare(as_features(gem_table, row), rows).turn, ROLL_STEP)
         assert np.asarray(allowed).any(axis=1).all()
         assert np.asarray(allowed).sum(axis=1).max() <= 7  # of 64 directions, 30 degrees and a little
+
+
+@pytest.mark.parametrize("promising", [40, 128])
+def test_no_appearance_that_is_left_out_could_have_been_likelier(promising, rows, rolled, monkeypatch):
+    """What mean normal, EGI and group leave bounds an appearance's likelihood: whatever is above the bound of all that
+    are left out is found as if none were.
+    """
+    assert promising < np.count_nonzero(np.asarray(rows.area)) / 2
+    sure = 0
+    for features in rolled.features:
+        excess, elsewhere = egi_penalty(features, rows, SCALES)
+        a1 = mass_centre_penalty(*compare_mass_centres(features, rows), SCALES)
+        bound = np.where(rows.area > 0, -(a1 + elsewhere + jnp.minimum(excess, MOST_PENALTY)), -np.inf)
+        monkeypatch.setattr(determination_rules, "PROMISING", 10**6)
+        of_all = by_shape(features, rows, most=8)
+        monkeypatch.setattr(determination_rules, "PROMISING", promising)
+        found = by_shape(features, rows, most=8)
+        above = np.count_nonzero(np.asarray(of_all.log_likelihood) > np.sort(bound)[-promising - 1])
+        sure += above
+        np.testing.assert_array_equal(found.row[:above], of_all.row[:above])
+        np.testing.assert_allclose(found.log_likelihood[:above], of_all.log_likelihood[:above], atol=1e-4)
+        np.testing.assert_allclose(found.R_ray_obj[:above], of_all.R_ray_obj[:above], atol=1e-5)
+        assert (np.asarray(found.log_likelihood) <= np.asarray(of_all.log_likelihood) + 1e-4).all()
+    assert sure >= len(rolled.features)  # of each the best one, and more
 
 
 def test_the_prior_of_groups_decides_between_like_appearances(gem_table, as_features):
