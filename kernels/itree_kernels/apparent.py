@@ -166,7 +166,8 @@ def cast_apparent_shapes(
     light_directions: Float[np.ndarray, "lights 3"],
     slant_limit: float,
 ) -> ApparentShapes:
-    """Casts the rays of all pixels of all views of one part, on all cores of a CPU or on the mesh's CUDA device.
+    """What the rays of all pixels of all views of one part meet, and which lights reach it: on all cores of a CPU or on
+    the mesh's CUDA device.
 
     Poses are part -> camera [mm]; lights are unit vectors from the scene toward the light, camera frame; `slant_limit`
     [rad] bounds the angle between the normal and the direction toward the viewer along the pixel's own ray.
@@ -187,8 +188,8 @@ def cast_apparent_shapes(
     poses = wp.array(R, dtype=wp.mat33, device=device), wp.array(t, dtype=wp.vec3, device=device)
     toward_lights = wp.array(lights, dtype=wp.vec3, device=device)
     in_front = camera.is_orthographic or bool(((R @ mesh.centre + t)[:, 2] > mesh.radius).all())
-    with_rays = _filled if in_front and fills(mesh, camera.height * camera.width) else _cast
-    with_rays(mesh, *poses, camera, toward_lights, float(np.cos(slant_limit)), maps)
+    find = _filled if in_front and fills(mesh, camera.height * camera.width) else _cast
+    find(mesh, *poses, camera, toward_lights, float(np.cos(slant_limit)), maps)
     return ApparentShapes(*(m.numpy() for m in maps))
 
 
