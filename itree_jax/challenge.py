@@ -54,9 +54,9 @@ def challengers(
     """Poses that each accepted pose is easily mistaken for, refined and judged; None if there are none. `region` counts
     the accepted ones.
 
-    The accepted poses go along, and set the measure of what agrees enough (`Round.behind`). The others are turned about
-    the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
-    is right as it is, and rough rounds would only lead it astray; where it repeats some faces, it has to be moved.
+    They are turned about the part's main axes. Where the part repeats itself in all but a small feature, a turned pose
+    is right as it is, and rough rounds would only lead it astray; where it repeats some faces, it has to be moved. The
+    accepted poses go along, and set the measure of what agrees enough (`Round.behind`).
     """
     turned = turned_about_axes(accepted, prepared.turns).unmet
     moved = shown_at(accepted, turned, prepared, sight.sensor, plan.turned[0].stage.size)

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from itree_kernels.mesh import RayMesh
-from itree_kernels.raster import NO_AREA, ON_EDGE, of_rise
+from itree_kernels.raster import NO_AREA, ON_EDGE, of_rise, within
 from itree_kernels.rays import surface_point
 
 PIXELS_PER_CELL = 8  # of an image
@@ -48,14 +48,9 @@ def cell_of(x: float, side: int) -> int:
 
 
 @wp.func
-def within_band(near: wp.vec2, corner: wp.vec3, edge: wp.vec2, per_rise: float, below: float, above: float) -> wp.vec2:
-    """Of near[0] .. near[1], what has something on the inner side of an edge anywhere between two lines."""
-    inside = wp.max(edge[0] * (below - corner[1]), edge[0] * (above - corner[1])) + ON_EDGE
-    x = corner[0] + inside * per_rise
-    return wp.vec2(
-        wp.max(near[0], wp.where(per_rise < 0.0, x - ON_EDGE, near[0])),
-        wp.min(near[1], wp.where(per_rise > 0.0, x + ON_EDGE, near[1])),
-    )
+def most_inside(corner: wp.vec3, edge: wp.vec2, below: float) -> float:
+    """What `within` takes for a row, of a row of cells: the most that any line through them has inside of an edge."""
+    return wp.max(edge[0] * (below - corner[1]), edge[0] * (below + 1.0 - corner[1]))
 
 
 @wp.func
@@ -155,9 +150,9 @@ def shadow_kernel(
                         # of the row of cells, what may lie inside of all three edges
                         below = float(row)
                         near = wp.vec2(left, right)
-                        near = within_band(near, a, ab, per_ab, below, below + 1.0)
-                        near = within_band(near, b, bc, per_bc, below, below + 1.0)
-                        near = within_band(near, c, ca, per_ca, below, below + 1.0)
+                        near = within(near, a, most_inside(a, ab, below), per_ab)
+                        near = within(near, b, most_inside(b, bc, below), per_bc)
+                        near = within(near, c, most_inside(c, ca, below), per_ca)
                         if near[0] <= near[1]:
                             raise_cells(grid.highest, row, cell_of(near[0], side), cell_of(near[1], side), a, slope,
                                         crest, rounded_up)
