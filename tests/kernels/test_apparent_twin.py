@@ -2,9 +2,11 @@
 
 import dataclasses
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from itree_kernels import apparent
 from itree_kernels.apparent import ApparentShapes, cast_apparent_shapes
 from itree_kernels.mesh import RayMesh, ray_mesh
@@ -61,10 +63,24 @@ def test_kernels_equal_their_twin(solid, camera, rays, monkeypatch):
     assert twin.detectable.any()
 
 
-def test_what_is_filled_is_what_rays_meet(monkeypatch):
+def plate_under_a_bar() -> RayMesh:
+    """Few large triangles: each touches many cells of the grid that a light's shadows are looked for in."""
+    plate = trimesh.creation.box((34.0, 34.0, 4.0))
+    bar = trimesh.creation.box((30.0, 5.0, 3.0), transform=trimesh.transformations.translation_matrix([0.0, 3.0, 9.0]))
+    both = trimesh.util.concatenate([plate, bar])
+    return ray_mesh(both.vertices, both.faces, np.arange(len(both.faces)), "cpu")
+
+
+@pytest.mark.parametrize(("mesh", "size"), [(SOLIDS["torus"], 64), (plate_under_a_bar(), 160)], ids=["torus", "bar"])
+def test_what_is_filled_is_what_rays_meet(mesh, size, monkeypatch):
     """Many views, the three lights: shadows of a concave part on itself, pixel by pixel."""
     R, t = random_poses(40, seed=11)
-    args = SOLIDS["torus"], R, t, PINHOLE, LIGHTS, SLANT_LIMIT
+    scale = size / PINHOLE.width
+    camera = replace(
+        PINHOLE, fx=PINHOLE.fx * scale, fy=PINHOLE.fy * scale, cx=PINHOLE.cx * scale, cy=PINHOLE.cy * scale,
+        width=size, height=size,
+    )  # fmt: skip
+    args = mesh, R, t, camera, LIGHTS, SLANT_LIMIT
     filled = cast_apparent_shapes(*args)
     by_rays(monkeypatch)
     cast = cast_apparent_shapes(*args)
