@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import on_all_cores
 from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
@@ -17,7 +18,6 @@ from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.shown_surface import ends, facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
 from itree_jax.split_region import pieces_of
-from itree_jax.tree.batches import on_all_cores
 
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size

@@ -18,6 +18,7 @@ from itree_jax.backtracking import (
     left_over,
     unread,
 )
+from itree_jax.batches import on_all_cores
 from itree_jax.challenge import with_selection
 from itree_jax.competition import compete
 from itree_jax.detections import TOO_DARK, Detections, place_of
@@ -34,7 +35,6 @@ from itree_jax.sensor import Sensor
 from itree_jax.settling import exact, settled
 from itree_jax.sight import Sight, look
 from itree_jax.stereo.second_camera import SecondCamera
-from itree_jax.tree.batches import on_all_cores
 from itree_jax.tree.check_sensor import check_sensor
 from itree_jax.tree.forest import Forest
 from itree_jax.tree.tree import InterpretationTree

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
+from itree_jax.batches import filled, on_all_cores
 from itree_jax.features.region import RegionFeatures, measure_batch, with_brothers
 from itree_jax.features.relation import brothers
 from itree_jax.features.window import Window, extract_images, extract_windows
@@ -14,7 +15,6 @@ from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.regions import Regions
 from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import WINDOW_SIZE
-from itree_jax.tree.batches import filled, on_all_cores
 from itree_jax.tree.sights import sensor_needle_deviation, window_edges
 
 REGION_BATCH = 8  # regions that a compiled function is given at a time

@@ -7,6 +7,7 @@ from functools import reduce
 import numpy as np
 
 from itree_jax.answers import Interpretation
+from itree_jax.batches import on_all_cores
 from itree_jax.challenge import beside_turned, challenged, plan_of, with_more, without
 from itree_jax.competition import compete
 from itree_jax.least_told import moved_along_least_told
@@ -16,7 +17,6 @@ from itree_jax.refinement.hypotheses import joined
 from itree_jax.refinement.optimise import Hypotheses, refine
 from itree_jax.refinement.pose_distance import same_part_distance
 from itree_jax.sight import Sight
-from itree_jax.tree.batches import on_all_cores
 
 CHALLENGES = 2  # a winner that its place owes to a challenge may have to stand one more
 ARRIVED = 1.0  # [nats]: what gains less by being polished is there; two refinements of one pose differ by more

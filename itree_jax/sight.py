@@ -9,6 +9,7 @@ import numpy as np
 from itree_kernels.scene_maps import SeenBy
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import at_once
 from itree_jax.kept_functions import on_device
 from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
@@ -24,7 +25,6 @@ from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.dual_stereo import WINDOW, dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
-from itree_jax.tree.batches import at_once
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's

@@ -11,6 +11,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from jaxtyping import Float, Int
 
+from itree_jax.batches import on_all_cores
 from itree_jax.kept_functions import kept
 from itree_jax.refinement.information import SmoothSurface
 from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
@@ -24,7 +25,6 @@ from itree_jax.refinement.optimise import (
 )
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
 from itree_jax.sensing.needle import Array
-from itree_jax.tree.batches import on_all_cores
 
 BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
 

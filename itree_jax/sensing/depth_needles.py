@@ -18,9 +18,9 @@ import numpy as np
 from itree_kernels.camera import Camera
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import on_all_cores
 from itree_jax.sensing.curving import added_by_third_order
 from itree_jax.sensing.window_fits import WindowFits, window_fits
-from itree_jax.tree.batches import on_all_cores
 
 RADIUS = 4  # [px]: 9 x 9 pixels; 0.3 mm of noise at half a millimetre per pixel turn a normal by 1.3 degrees
 SMALLER = (1, 2)  # [px] less than the radius, in turn; 5 x 5 pixels turn it by four degrees

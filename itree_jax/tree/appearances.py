@@ -15,12 +15,12 @@ from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import groups_of, streamed
 from itree_jax.features.region import RegionFeatures, measure_batch
 from itree_jax.features.relation import BROTHER_FIELDS, brothers
 from itree_jax.features.window import Window
 from itree_jax.sensing.reaching import LIGHTS_NEEDED
 from itree_jax.sensor import Sensor
-from itree_jax.tree.batches import groups_of, streamed
 from itree_jax.tree.groups import roll_rotation
 from itree_jax.tree.sights import (
     Region,

@@ -10,8 +10,8 @@ import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
+from itree_jax.batches import filled, multiple_above
 from itree_jax.features.region import RegionFeatures
-from itree_jax.tree.batches import filled, multiple_above
 from itree_jax.tree.branches import Branches
 from itree_jax.tree.classification_rules import (
     CLASSIFICATION_RULES,

@@ -9,12 +9,12 @@ import numpy as np
 from itree_cad.symmetry import Symmetries
 from jaxtyping import Array, Bool, Float, Int
 
+from itree_jax.batches import multiple_above, on_all_cores
 from itree_jax.features.region import RegionFeatures
 from itree_jax.features.relation import MOST_MISFIT, THERE
 from itree_jax.kept_functions import kept, on_device
 from itree_jax.tree.appearance_rows import AppearanceArrays, DeterminationScales, bounded, take_rows, wrapped
 from itree_jax.tree.appearances import Appearances
-from itree_jax.tree.batches import multiple_above, on_all_cores
 from itree_jax.tree.determination_family import DETERMINATION_RULE_NAMES
 from itree_jax.tree.determination_relations import brothers_apart, compare_maps, relation_penalty
 from itree_jax.tree.determination_rules import (

@@ -17,6 +17,7 @@ from itree_kernels.errors import ItreeError
 from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import streamed
 from itree_jax.features.region import RegionFeatures, with_brothers
 from itree_jax.features.relation import MOST_BROTHERS, brothers
 from itree_jax.sensor import Sensor
@@ -29,7 +30,6 @@ from itree_jax.tree.appearances import (
     pixels_of,
     window_camera,
 )
-from itree_jax.tree.batches import streamed
 from itree_jax.tree.depth_draws import depth_camera_needles
 from itree_jax.tree.dome import camera_rotation, dome
 from itree_jax.tree.groups import AttitudeGroups, group_of_label, roll_rotation

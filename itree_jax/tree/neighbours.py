@@ -14,9 +14,9 @@ import numpy as np
 from itree_kernels.apparent import ApparentShapes
 from jaxtyping import Bool, Float, Int
 
+from itree_jax.batches import filled, power_of_two_above
 from itree_jax.kept_functions import kept
 from itree_jax.sensing.needle import Array
-from itree_jax.tree.batches import filled, power_of_two_above
 
 STEP = 1.5  # [px] of the walk toward a light
 STEPS = 20  # to 30 px: beyond the half of a window

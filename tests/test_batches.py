@@ -5,8 +5,8 @@ import threading
 import numpy as np
 import pytest
 
+from itree_jax.batches import filled, groups_of, multiple_above, on_all_cores, power_of_two_above, streamed
 from itree_jax.tree import appearances
-from itree_jax.tree.batches import filled, groups_of, multiple_above, on_all_cores, power_of_two_above, streamed
 
 
 def test_results_come_in_the_order_of_the_items():
