@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from itree_cad.decimate import lean
 from itree_cad.part import Part
 from itree_cad.revolution import rings
 from itree_cad.symmetry import symmetries
@@ -65,7 +66,8 @@ def compile_tree(
     part = rings(part, symmetry)
     tell("casting the dome", 0.05)
     about = part.about_middle()  # windows are about the origin, and no larger than the part then
-    mesh = ray_mesh(about.vertices, about.triangles, about.face_of_triangle)
+    seen = lean(about)
+    mesh = ray_mesh(seen.vertices, seen.triangles, seen.face_of_triangle)
 
     def dome_seen(done: int, views: int) -> None:
         tell(f"casting the dome: {done} of {views} views", 0.15 - 0.1 * (1.0 - done / views))

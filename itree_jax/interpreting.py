@@ -85,7 +85,7 @@ def as_hypotheses(
     region = np.repeat(asked, row.shape[1])
     poses = Hypotheses(R.reshape(-1, 3, 3), t.reshape(-1, 3))
     log_likelihood = np.where(empty, -np.inf, score).reshape(-1)
-    return RegionHypotheses(poses, region, row.reshape(-1), log_likelihood, *np.zeros((2, len(region)), bool))
+    return RegionHypotheses(poses, region, row.reshape(-1), log_likelihood, *np.zeros((3, len(region)), bool))
 
 
 def placed_by_segment(hypotheses: RegionHypotheses, prepared: Prepared, sight: Sight) -> RegionHypotheses:

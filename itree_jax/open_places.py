@@ -83,7 +83,7 @@ def every_attitude(
     attitude, R, t = (np.concatenate([one[k] for one in places_of]) for k in (1, 2, 3))
     poses = Hypotheses(R.astype(np.float32), t.astype(np.float32))
     return RegionHypotheses(
-        poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), *np.zeros((2, len(region)), bool),
+        poses, region, with_row[1][nearest[attitude]], np.full(len(region), -np.inf), *np.zeros((3, len(region)), bool),
     )
 
 

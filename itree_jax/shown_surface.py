@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.correspond import correspondences
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.open_attitudes import ROLLS, rolls, views
 from itree_jax.refinement.optimise import RefineModel, window_origins, window_stride
@@ -23,11 +23,18 @@ SAME_WAY = float(np.cos(np.radians(30.0)))  # an attitude is off by up to 15 deg
 
 @dataclass(frozen=True)
 class ShownSurface:
-    """Of every view of the dome, samples that each stand for the same area of the image."""
+    """Of every view of the dome, samples that each stand for the same area of the image; as many as the view needs that
+    shows most, the last of the others' meet nothing.
+    """
 
-    X_ray: Float[np.ndarray, "views samples 3"]  # from the part's origin [mm], in the ray's frame
-    normal_ray: Float[np.ndarray, "views samples 3"]  # 0 where a sample meets nothing
+    X_ray: Float[np.ndarray, "views 3 samples"]  # from the part's origin [mm], in the ray's frame
+    normal_ray: Float[np.ndarray, "views 3 samples"]  # 0 where a sample meets nothing
     sample_mm2: float  # across the line of sight
+
+    @property
+    def there(self) -> Bool[np.ndarray, "views samples"]:
+        """Which samples meet the part."""
+        return (self.normal_ray != 0.0).any(axis=1)
 
 
 class DomePoints(NamedTuple):
@@ -41,9 +48,9 @@ class DomePoints(NamedTuple):
 def dome_points(shown: ShownSurface, count: int = POINTS) -> DomePoints:
     """Some of each view's samples, evenly over the image; fewer samples are taken more than once."""
     X_obj, normal_obj = (
-        np.einsum("vba,vsb->vsa", views(), of).astype(np.float32) for of in (shown.X_ray, shown.normal_ray)
+        np.einsum("vba,vbs->vsa", views(), of).astype(np.float32) for of in (shown.X_ray, shown.normal_ray)
     )
-    there = (shown.normal_ray != 0.0).any(axis=-1)
+    there = shown.there
     picked = np.stack([
         np.flatnonzero(one)[np.linspace(0, one.sum() - 1, count).round().astype(int)] if one.any() else np.zeros(
             count, int) for one in there
@@ -67,17 +74,20 @@ def shown_surface(model: RefineModel, camera: Camera, distance: float) -> ShownS
     X_cam = camera.unproject(uv, np.asarray(seen.depth, float)).reshape(len(R), -1, 3)
     normal_obj = model.mesh.triangle_normals[seen.triangle.reshape(len(R), -1)]
     normal_cam = np.einsum("vab,vsb->vsa", R, normal_obj)
+    first = np.argsort(~hit, axis=1, kind="stable")[:, : hit.sum(axis=1).max()]
+
+    def of_samples(values: np.ndarray) -> Float[np.ndarray, "views 3 samples"]:
+        met = np.where(hit[..., None], values, 0.0).astype(np.float32)
+        return np.ascontiguousarray(np.take_along_axis(met, first[..., None], axis=1).swapaxes(1, 2))
+
     return ShownSurface(
-        np.where(hit[..., None], X_cam - t[:, None], 0.0).astype(np.float32),
-        np.where(hit[..., None], normal_cam, 0.0).astype(np.float32),
-        (stride * camera.mm_per_px(distance)) ** 2,
-    )  # fmt: skip
+        of_samples(X_cam - t[:, None]), of_samples(normal_cam), (stride * camera.mm_per_px(distance)) ** 2
+    )
 
 
 def middle_of_all(shown: ShownSurface) -> Float[np.ndarray, "views_rolls 3"]:
     """Of each of `all_attitudes`, the middle of what it shows, from the part's origin [mm], in the ray's frame."""
-    weight = (shown.normal_ray != 0.0).any(axis=-1).astype(float)
-    mean = _mean(shown.X_ray, weight[..., None])
+    mean = _mean(shown.X_ray, shown.there[:, None])
     return np.einsum("kab,vkb->vka", rolls(), np.broadcast_to(mean, (len(mean), len(rolls()), 3))).reshape(-1, 3)
 
 
@@ -91,10 +101,10 @@ class Facing(NamedTuple):
 
 def facing(shown: ShownSurface, way_ray: Float[np.ndarray, "3"]) -> Facing:
     """What faces this way, to `SAME_WAY`."""
-    before_roll = way_ray @ rolls()  # the way that it has to face before the attitude is rolled
-    weight = (shown.normal_ray @ before_roll.T > SAME_WAY).astype(float)
-    middle, normal = (np.einsum("kab,vkb->vka", rolls(), _mean(of, weight)) for of in (shown.X_ray, shown.normal_ray))
-    area = weight.sum(axis=1) * shown.sample_mm2
+    before_roll = (way_ray @ rolls()).astype(np.float32)  # the way that it has to face before the attitude is rolled
+    this_way = before_roll @ shown.normal_ray > SAME_WAY
+    middle, normal = (np.einsum("kab,vkb->vka", rolls(), _mean(of, this_way)) for of in (shown.X_ray, shown.normal_ray))
+    area = this_way.sum(axis=-1) * shown.sample_mm2
     normal = np.where(area[..., None] > 0.0, normal, way_ray)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return Facing(middle.reshape(-1, 3), normal.reshape(-1, 3), area.reshape(-1))
@@ -109,13 +119,12 @@ def ends(
     """
     view, roll = np.divmod(kept, ROLLS)
     way = (way_ray @ rolls()).astype(np.float32)[roll]
-    this_way = (shown.normal_ray[view] @ way[..., None]) > SAME_WAY
-    xy = shown.X_ray[view] @ (R @ rolls()[roll])[:, :2].swapaxes(1, 2).astype(np.float32)
+    this_way = way[:, None] @ shown.normal_ray[view] > SAME_WAY
+    xy = (R @ rolls()[roll])[:, :2].astype(np.float32) @ shown.X_ray[view]
     found = np.stack([
-        np.where(this_way, xy, np.inf).min(axis=1), np.where(this_way, xy, -np.inf).max(axis=1),
+        np.where(this_way, xy, np.inf).min(axis=-1), np.where(this_way, xy, -np.inf).max(axis=-1),
     ], axis=1)  # fmt: skip
-    some = np.any(this_way, axis=1, keepdims=True)
-    return np.where(some, found, np.nan)
+    return np.where(this_way.any(axis=-1, keepdims=True), found, np.nan)
 
 
 def turns_onto(
@@ -130,7 +139,7 @@ def turns_onto(
 
 
 def _mean(
-    values: Float[np.ndarray, "views samples 3"], weight: Float[np.ndarray, "views samples k"]
+    values: Float[np.ndarray, "views 3 samples"], taken: Bool[np.ndarray, "views k samples"]
 ) -> Float[np.ndarray, "views k 3"]:
-    total = weight.swapaxes(1, 2) @ values
-    return total / np.maximum(weight.sum(axis=1), 1.0)[..., None]
+    total = taken.astype(np.float32) @ values.swapaxes(1, 2)
+    return total / np.maximum(taken.sum(axis=-1), 1)[..., None]

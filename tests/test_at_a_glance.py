@@ -31,7 +31,7 @@ def test_the_true_pose_agrees_best_of_the_whole_dome(table):
     prepared, sight, R, t, every = table
     true = RegionHypotheses(
         Hypotheses(R[None].astype(np.float32), t[None].astype(np.float32)), np.zeros(1, int), np.zeros(1, int),
-        np.zeros(1), *np.zeros((2, 1), bool),
+        np.zeros(1), *np.zeros((3, 1), bool),
     )
     assert agreement_at_a_glance(true, prepared, sight)[0] > 0.9 * agreement_at_a_glance(every, prepared, sight).max()
 

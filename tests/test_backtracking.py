@@ -36,7 +36,7 @@ FIRST_ALONE = Places(np.zeros(1, int), np.ones(1, bool))
 def hypotheses(region, log_p) -> RegionHypotheses:
     count = len(region)
     poses = Hypotheses(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
-    rest = np.arange(count), np.array(log_p, float), *np.zeros((2, count), bool)
+    rest = np.arange(count), np.array(log_p, float), *np.zeros((3, count), bool)
     return RegionHypotheses(poses, np.array(region), *rest)
 
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from itree_jax import own_axis
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import plan_of
-from itree_jax.own_axis import FINER, likeliest_turns, turned_to_likeliest
+from itree_jax.own_axis import FINER, LIKELY, likeliest_turns, turned_to_likeliest
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import as_forest, read_scene
+from itree_jax.refinement.likelihood import SIZE
 from itree_jax.refinement.pose_distance import NEARLY_SAME, same_part_distance
 from itree_jax.sight import Sight
 
@@ -79,3 +81,38 @@ def test_of_two_turns_that_compete_one_is_another_pose(read, prepared):
     apart = same_part_distance(R[1:], t[1:], R[0], t[0], prepared.symmetries, prepared.model.diameter)
     assert apart.shape == (1,)
     assert apart[0] > (NEARLY_SAME - 0.5 * FINER.max()) * prepared.model.diameter  # the first was turned on since
+
+
+def test_a_pose_that_is_likeliest_as_it_is_is_asked_once(read):
+    answer, sight = read
+    asked = turned_to_likeliest(turned(answer, sight, 0.0), sight)
+    assert asked.hypotheses.turned[asked.selection.accepted].all()
+    assert turned_to_likeliest(asked, sight) is asked
+
+
+def test_a_pose_that_was_turned_is_asked_again(read):
+    """Once it is polished its turn is told better."""
+    answer, sight = read
+    right = turned_to_likeliest(turned(answer, sight, np.radians(143.0)), sight)
+    assert not right.hypotheses.turned[right.selection.accepted].any()
+    assert right.hypotheses.turned.sum() == 1  # what it was turned from
+
+
+@pytest.mark.parametrize("degrees", [0.0, 62.0])
+def test_turns_at_the_image_s_own_resolution_have_the_last_word(read, prepared, degrees, monkeypatch):
+    """Whatever half of it says, as long as the right one is among the likeliest there."""
+    answer, sight = read
+    pose, plan = turned(answer, sight, np.radians(degrees)).hypotheses, plan_of(answer, sight)
+    expected = likeliest_turns(pose, prepared, sight, plan).take(np.array([0]))
+    told = own_axis.likelier_than_first
+
+    def misled(poses, prepared, sight, plan, size=SIZE):
+        nats = told(poses, prepared, sight, plan, size)
+        if size < SIZE:
+            order = np.argsort(-nats)
+            nats[order[: LIKELY - 1]] = nats[order[: LIKELY - 1]][::-1]  # the likeliest come last
+        return nats
+
+    monkeypatch.setattr(own_axis, "likelier_than_first", misled)
+    found = likeliest_turns(pose, prepared, sight, plan).take(np.array([0]))
+    np.testing.assert_allclose(found.poses.R_cam_obj, expected.poses.R_cam_obj, atol=1e-6)

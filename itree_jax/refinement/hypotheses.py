@@ -29,12 +29,13 @@ class RegionHypotheses(NamedTuple):
     log_likelihood: Float[np.ndarray, "hypotheses"]
     challenged: Bool[np.ndarray, "hypotheses"]  # the poses that it is easily mistaken for were looked at
     polished: Bool[np.ndarray, "hypotheses"]  # as it is: at the image's own resolution
+    turned: Bool[np.ndarray, "hypotheses"]  # about the part's own axis, all around: none was likelier
 
     @property
     def unmet(self) -> "RegionHypotheses":
-        """The same, neither challenged nor polished yet."""
+        """The same, neither challenged nor polished nor turned yet."""
         none = np.zeros(len(self.region), bool)
-        return self._replace(challenged=none, polished=none)
+        return self._replace(challenged=none, polished=none, turned=none)
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "RegionHypotheses":
         poses = Hypotheses(self.poses.R_cam_obj[index], self.poses.t_cam_obj[index])

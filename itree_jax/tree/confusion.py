@@ -7,6 +7,7 @@ for the regions of each group, as if they erred independently; `counted` walks f
 from typing import NamedTuple
 
 import numpy as np
+from itree_cad.decimate import lean
 from itree_kernels.mesh import ray_mesh
 from jaxtyping import Bool, Float, Int
 
@@ -81,7 +82,7 @@ def counted(tree: InterpretationTree, draws: int, seed: int) -> Counted:
 
     Take a seed that the tree was not compiled with: the draws must be new ones.
     """
-    part, groups = tree.part.about_middle(), tree.groups
+    part, groups = lean(tree.part.about_middle()), tree.groups
     mesh = ray_mesh(part.vertices, part.triangles, part.face_of_triangle)
     fresh = draw_regions(mesh, tree.sensor, groups, draws, np.random.default_rng([seed, 3]))
     kept, prior = ~groups.pruned, np.where(groups.pruned, 0.0, groups.view_count)

@@ -34,7 +34,7 @@ def rotations(count: int, seed: int) -> np.ndarray:
 def hypotheses(count: int, region, seed: int = 0) -> RegionHypotheses:
     rng = np.random.default_rng(seed)
     poses = Hypotheses(rotations(count, seed), rng.normal(size=(count, 3)) * 50.0)
-    rest = np.arange(count), rng.normal(size=count), *np.zeros((2, count), bool)
+    rest = np.arange(count), rng.normal(size=count), *np.zeros((3, count), bool)
     return RegionHypotheses(poses, np.asarray(region), *rest)
 
 
