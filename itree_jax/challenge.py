@@ -7,7 +7,7 @@ from jaxtyping import Bool, Int
 
 from itree_jax.answers import Interpretation
 from itree_jax.competition import when_asked
-from itree_jax.narrowing import judge, model_for, narrow, narrow_and_judge, rivalry
+from itree_jax.narrowing import judge, narrow, narrow_and_judge, rivalry
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
@@ -96,7 +96,7 @@ def best_as_they_are(
     """
     symmetries, diameter = prepared.symmetries, prepared.model.diameter
     last = replace(plan.turned[-2], tolerances=plan.turned[-1].tolerances)
-    looks = [(plan.turned[0], prepared.rough, MOST_ROUGHLY), (last, model_for(sight, prepared, False), MOST_AS_THEY_ARE)]
+    looks = [(plan.turned[0], prepared.rough, MOST_ROUGHLY), (last, prepared.model, MOST_AS_THEY_ARE)]
     found = joined(accepted, turned)
     for step, model, most in looks if sight.kind == "depth" else looks[1:]:
         verdict, _, _ = verify(

@@ -29,7 +29,7 @@ def narrow(
 ) -> RegionHypotheses:
     """Rounds of refining, verifying and keeping the best of every region: as many as `keep` says, or the plan.
 
-    Rough rounds take what the sight has for them, and all of the part what `model_for` says.
+    Rough rounds take what the sight has for them, and of the part what `rough_model_for` says.
     """
     return _narrowed(hypotheses, prepared, sight, rounds, plan, keep)[0]
 
@@ -54,7 +54,7 @@ def _narrowed(
     for k, step in enumerate(rounds):
         rough = step.stage.size < plan.rounds[-2].stage.size
         observed = sight.roughly_held_against if rough else sight.held_against
-        model = model_for(sight, prepared, rough)
+        model = rough_model_for(sight, prepared) if rough else prepared.model
         poses = refine(
             hypotheses.poses, model, observed, camera, plan.deviations, [step.stage], plan.jump, sight.others,
             sight.crease,
@@ -78,14 +78,11 @@ def _narrowed(
     return hypotheses, verdict
 
 
-def model_for(sight: Sight, prepared: Prepared, rough: bool) -> RefineModel:
-    """What a round takes for the part. Where depth tells, triangles that its windows' pixels don't tell from the part's
-    do, and in rough rounds contours halfway between pixels; without a depth map contours are most of what tells poses
-    apart.
+def rough_model_for(sight: Sight, prepared: Prepared) -> RefineModel:
+    """What rough rounds take for the part: where depth tells, coarse triangles and contours halfway between pixels do;
+    without a depth map contours are most of what tells poses apart.
     """
-    if sight.kind != "depth":
-        return prepared.model
-    return prepared.rough if rough else prepared.fine
+    return prepared.rough if sight.kind == "depth" else prepared.model
 
 
 def judge(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import plan_of, with_more
-from itree_jax.narrowing import judge, model_for, narrow
+from itree_jax.narrowing import judge, narrow
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import (
     RegionHypotheses,
@@ -34,12 +34,16 @@ LIKELY = 36
 
 
 def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
-    """The interpretation with each accepted pose also turned about the part's own axis: to where the scene is
-    likeliest, and to the likeliest place that is another pose than that. They compete as they are, too: rough steps may
-    take more from an exact pose than they give. Parts that are of revolution, or not nearly so, are left alone.
+    """The interpretation with each accepted pose that is in doubt also turned about the part's own axis: to where the
+    scene is likeliest, and to the likeliest place that is another pose than that. They compete as they are, too: rough
+    steps may take more from an exact pose than they give.
+
+    In doubt is a pose with a rival. Where the flat is seen clearly, the pose that has it right has none; one that has it
+    wrong has others, as wrong as it is itself. Parts that are of revolution, or not nearly so, are left alone.
     """
-    prepared, accepted = answer.prepared, answer.selection.accepted
-    accepted = accepted[~answer.hypotheses.turned[accepted]]
+    prepared, selection = answer.prepared, answer.selection
+    doubted = np.array([len(others) > 0 for others, _ in selection.rivals], bool)
+    accepted = selection.accepted[doubted & ~answer.hypotheses.turned[selection.accepted]]
     if prepared.own_axis is None or not len(accepted):
         return answer
     plan = plan_of(answer, sight)
@@ -84,9 +88,8 @@ def likelier_than_first(
     poses: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule, size: int = SIZE
 ) -> Float[np.ndarray, "poses"]:
     """How much likelier each pose makes the scene than the first one [nats], in windows of this size."""
-    model = prepared.model if size == SIZE else model_for(sight, prepared, rough=False)
     weighed = support(
-        poses.poses, model, sight.held_against, sight.sensor.camera, plan.errors, plan.jump, sight.others,
+        poses.poses, prepared.model, sight.held_against, sight.sensor.camera, plan.errors, plan.jump, sight.others,
         size, sight.crease,
     )
     return np.array([likelihood_ratio(weighed, k, 0) for k in range(len(poses.region))])

@@ -27,9 +27,7 @@ from itree_jax.tree.forest import Forest, compile_forest
 from itree_jax.tree.root import Root
 from itree_jax.tree.tree import InterpretationTree
 
-# Of the diameter that surfaces of the rough and of the fine model may move: a seventh of the pixels of their smallest
-# windows' last round, of 32 and of 96 pixels a side.
-ROUGHNESS, FINENESS = 0.005, 0.0015
+ROUGHNESS = 0.005  # of the diameter that surfaces of the rough model may move: a seventh of the finest rough pixel
 SAME_TURN = 0.03  # of the diameter: turns that differ by less are one
 
 
@@ -44,8 +42,7 @@ class Prepared:
     tree: InterpretationTree
     middle: Float[np.ndarray, "3"]  # of the part's bounding box, object frame [mm]
     model: RefineModel  # about the middle, as all that follows
-    fine: RefineModel  # the same with fewer triangles, for windows coarser than the image
-    rough: RefineModel  # the same with a fraction of them, for windows of few pixels
+    rough: RefineModel  # the same with a fraction of the triangles, for windows of few pixels
     symmetries: Symmetries
     classification: ClassificationArrays
     determination: DeterminationArrays
@@ -100,11 +97,10 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     mesh = ray_mesh(seen.vertices, seen.triangles, seen.face_of_triangle)
     surface = padded_surface(smooth_surface(mesh))
     model = RefineModel(mesh, padded_normals(mesh.triangle_normals), mesh_reach(mesh), part.diameter, surface)
-    fine = coarser_model(model, FINENESS)
-    rough = replace(coarser_model(model, ROUGHNESS), rough=True)
+    rough = rough_model(model)
     shown = shown_surface(model, tree.sensor.camera, tree.sensor.working_distance)
     return Prepared(
-        tree, middle, model, fine, rough, symmetries, classification_arrays(tree), determination_arrays(tree),
+        tree, middle, model, rough, symmetries, classification_arrays(tree), determination_arrays(tree),
         window_camera(model.reach)[1], solid(mesh, part.diameter, part.watertight),
         rival_turns(part, symmetries), None if symmetries.continuous else revolved_axis(part),
         distinct_attitudes(part, symmetries),
@@ -112,16 +108,12 @@ def prepare(tree: InterpretationTree | Forest) -> Prepared | PreparedForest:
     )
 
 
-def coarser_model(model: RefineModel, moved: float) -> RefineModel:
-    """A mesh whose surfaces moved by a share of the diameter, in windows of the same size: windows of few pixels cost
-    what triangles they project and walk along.
-    """
+def rough_model(model: RefineModel) -> RefineModel:
+    """A coarser mesh in windows of the same size: rough windows cost what triangles they project and walk along."""
     mesh = model.mesh
-    vertices, triangles = coarser(mesh.vertices, mesh.triangles, moved * model.diameter)
-    if len(triangles) == len(mesh.triangles):
-        return model
+    vertices, triangles = coarser(mesh.vertices, mesh.triangles, ROUGHNESS * model.diameter)
     few = ray_mesh(vertices, triangles, np.zeros(len(triangles), int))
-    return replace(model, mesh=few, normal_obj=padded_normals(few.triangle_normals), surface=None)
+    return replace(model, mesh=few, normal_obj=padded_normals(few.triangle_normals), surface=None, rough=True)
 
 
 def largest_view(part: Part) -> float:

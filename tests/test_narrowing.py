@@ -14,14 +14,9 @@ from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.bundled import bundled_sensor
 
 
-@pytest.mark.parametrize(
-    ("kind", "rough_mesh", "fine_mesh"),
-    [("depth", "rough", "fine"), ("stereo", "model", "model"), ("none", "model", "model")],
-)
-def test_only_rough_rounds_take_the_soft_depth_and_with_a_depth_map_coarser_models(
-    kind, rough_mesh, fine_mesh, monkeypatch
-):
-    """The last two rounds hold all of a pose against what was measured well."""
+@pytest.mark.parametrize(("kind", "mesh"), [("depth", "rough"), ("stereo", "model"), ("none", "model")])
+def test_only_rough_rounds_take_the_soft_depth_and_with_a_depth_map_the_rough_model(kind, mesh, monkeypatch):
+    """The last two rounds, and with them all that judges a pose, hold all of it against what was measured well."""
     refined, verified = [], []
     plan = schedule(bundled_sensor("bench"), 80.0, 0.1, 0.42, 0.5, 2.0)
     sight = SimpleNamespace(
@@ -43,15 +38,14 @@ def test_only_rough_rounds_take_the_soft_depth_and_with_a_depth_map_coarser_mode
     alone = RegionHypotheses(pose, *np.zeros((2, 1), int), np.zeros(1), *np.zeros((3, 1), bool))
     symmetries = Symmetries(np.eye(4)[None], ())
     part = SimpleNamespace(
-        model=SimpleNamespace(diameter=80.0, name="model"), fine=SimpleNamespace(name="fine"),
-        rough=SimpleNamespace(name="rough"), symmetries=symmetries,
-    )  # fmt: skip
+        model=SimpleNamespace(diameter=80.0, name="model"), rough=SimpleNamespace(name="rough"), symmetries=symmetries
+    )
     for rounds in (plan.rounds, plan.turned, plan.rounds[-2:]):
         refined.clear()
         verified.clear()
         narrowing.narrow(alone, part, sight, rounds, plan)
         rough = len(rounds) - 2
-        assert refined == [(rough_mesh, "coarse")] * rough + [(fine_mesh, "observed")] * 2
+        assert refined == [(mesh, "coarse")] * rough + [("model", "observed")] * 2
         assert verified == refined
 
 
@@ -79,7 +73,7 @@ def test_a_pose_far_behind_its_regions_best_is_left_out(monkeypatch):
     poses = Hypotheses(np.broadcast_to(np.eye(3, dtype=np.float32), (len(score), 3, 3)), t)
     many = RegionHypotheses(poses, region, np.zeros_like(region), score, *np.zeros((3, len(score)), bool))
     part = SimpleNamespace(
-        model=SimpleNamespace(diameter=80.0), fine=None, rough=None, symmetries=Symmetries(np.eye(4)[None], ())
+        model=SimpleNamespace(diameter=80.0), rough=None, symmetries=Symmetries(np.eye(4)[None], ())
     )
     kept = narrowing.narrow(many, part, sight, plan.rounds[2:3], plan, [5])
     assert sorted(kept.log_likelihood.tolist()) == [-0.1, 0.3, 0.5, 0.9]

@@ -36,11 +36,12 @@ def read(paper_part_on_a_table, prepared):
 
 
 def turned(answer: Interpretation, sight: Sight, angle: float) -> Interpretation:
-    """The first accepted pose alone, turned about the axis by an angle [rad]."""
+    """The first accepted pose alone, turned about the axis by an angle [rad], and in doubt."""
     (direction, point), h = AXIS, answer.selection.accepted[0]
     R, t = (np.asarray(a, float)[h] for a in answer.hypotheses.poses)
     about = Rotation.from_rotvec(angle * direction).as_matrix()
-    return only(answer, sight, R @ about, R @ (point - about @ point) + t)
+    alone = only(answer, sight, R @ about, R @ (point - about @ point) + t)
+    return alone.selected(replace(alone.selection, rivals=((np.array([0]), np.zeros(1)),)))
 
 
 def degrees_between(a: Interpretation, b: Interpretation) -> float:
@@ -85,7 +86,10 @@ def test_of_two_turns_that_compete_one_is_another_pose(read, prepared):
 
 def test_a_pose_that_is_likeliest_as_it_is_is_asked_once(read):
     answer, sight = read
-    asked = turned_to_likeliest(turned(answer, sight, 0.0), sight)
+    own = turned(answer, sight, 0.0)
+    likeliest, *_ = likeliest_turns(own.hypotheses, own.prepared, sight, plan_of(own, sight)).turned
+    assert likeliest
+    asked = turned_to_likeliest(own, sight)
     assert asked.hypotheses.turned[asked.selection.accepted].all()
     assert turned_to_likeliest(asked, sight) is asked
 
@@ -93,7 +97,8 @@ def test_a_pose_that_is_likeliest_as_it_is_is_asked_once(read):
 def test_a_pose_that_was_turned_is_asked_again(read):
     """Once it is polished its turn is told better."""
     answer, sight = read
-    right = turned_to_likeliest(turned(answer, sight, np.radians(143.0)), sight)
+    wrong = turned(answer, sight, np.radians(143.0))
+    right = turned_to_likeliest(wrong, sight)
     assert not right.hypotheses.turned[right.selection.accepted].any()
     assert right.hypotheses.turned.sum() == 1  # what it was turned from
 
@@ -116,3 +121,11 @@ def test_turns_at_the_image_s_own_resolution_have_the_last_word(read, prepared, 
     monkeypatch.setattr(own_axis, "likelier_than_first", misled)
     found = likeliest_turns(pose, prepared, sight, plan).take(np.array([0]))
     np.testing.assert_allclose(found.poses.R_cam_obj, expected.poses.R_cam_obj, atol=1e-6)
+
+
+def test_a_pose_without_a_rival_is_left_alone(read):
+    """What tells how far it is turned is seen clearly: no other turn comes near."""
+    answer, sight = read
+    wrong = turned(answer, sight, np.radians(143.0))
+    sure = wrong.selected(replace(wrong.selection, rivals=((np.zeros(0, int), np.zeros(0)),)))
+    assert turned_to_likeliest(sure, sight) is sure

@@ -1,5 +1,7 @@
 """What views show of a box and a sphere: closed forms."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from itree_kernels.mesh import ray_mesh
@@ -7,7 +9,7 @@ from itree_kernels.mesh import ray_mesh
 from itree_jax.open_attitudes import all_attitudes, rolls, views
 from itree_jax.refinement.optimise import RefineModel, padded_normals
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.shown_surface import SAME_WAY, facing, middle_of_all, shown_surface, turns_onto
+from itree_jax.shown_surface import SAME_WAY, ends, facing, middle_of_all, shown_surface, turns_onto
 from itree_jax.tree.appearances import mesh_reach
 
 from .primitives import box_part, sphere_part
@@ -71,6 +73,24 @@ def test_an_attitude_shows_the_faces_of_a_box_that_turn_to_the_viewer(box):
     none = seen.max(axis=1) < SAME_WAY - 0.05
     assert (area[none] == 0.0).all()
     np.testing.assert_array_equal(mean_normal[none], np.tile(way, (none.sum(), 1)))
+
+
+def test_what_faces_a_way_ends_where_its_face_does(box):
+    """Not where the faces beside it do, which the view shows too."""
+    way, half = np.array([0.0, 0.0, -1.0]), np.array([30.0, 20.0, 15.0])
+    R = all_attitudes()
+    seen = np.einsum("rab,fb->rfa", R, np.concatenate([np.eye(3), -np.eye(3)])) @ way
+    clear = np.flatnonzero(seen.max(axis=1) > SAME_WAY + 0.05)
+    as_they_are = np.broadcast_to(np.eye(3), (len(clear), 3, 3))
+    found = ends(box, way, clear, as_they_are)
+    corners = half * np.array(list(product([-1.0, 1.0], repeat=3)))
+    for k, side, (least, greatest) in zip(clear, seen[clear].argmax(axis=1), found, strict=True):
+        axis, sign = side % 3, 1.0 if side < 3 else -1.0
+        xy = (corners[corners[:, axis] == sign * half[axis]] @ R[k].T)[:, :2]
+        np.testing.assert_allclose(least, xy.min(axis=0), atol=6.0)  # two samples
+        np.testing.assert_allclose(greatest, xy.max(axis=0), atol=6.0)
+    none = np.flatnonzero(seen.max(axis=1) < SAME_WAY - 0.05)
+    assert np.isnan(ends(box, way, none, np.broadcast_to(np.eye(3), (len(none), 3, 3)))).all()
 
 
 def test_the_least_turn_carries_one_normal_onto_another():

@@ -61,13 +61,12 @@ def coarser(
 
 def lean(part: Part) -> Part:
     """The part with as few triangles as it takes if no surface moves by more than is `UNSEEN`, and every triangle stays
-    one of its component face; as it is where its mesh is not closed, or would lose a face.
+    one of its component face; as it is where a face would be lost, or the mesh is not closed: the library makes nothing
+    of it then.
 
     CAD systems cut faces finer than any image of them shows, and all that casts or fills a mesh pays for it.
     """
     solid = as_manifold(np.asarray(part.vertices), np.asarray(part.triangles), np.asarray(part.face_of_triangle))
-    if solid.status() != manifold3d.Error.NoError:
-        return part
     mesh = solid.simplify(UNSEEN * part.diameter).to_mesh64()
     faces = np.asarray(mesh.face_id).astype(np.int64)
     if len(np.unique(faces)) < len(np.unique(part.face_of_triangle)):

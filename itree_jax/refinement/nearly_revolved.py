@@ -9,7 +9,7 @@ FEWEST_NORMALS = 6  # of a curved face
 FLAT_CIRCLE = 0.02  # the normals of a cylinder or cone lie on a circle, to this
 ON_AXIS = 0.01  # of the diameter: normals meet the axis, to this
 ALONG = float(np.cos(np.radians(2.0)))
-LEAST_CURVED, LEAST_TURNING = 0.4, 0.6  # of the surface: that curves about the axis; and with the planes across it
+LEAST_CURVED, LEAST_TURNING = 0.25, 0.6  # of the surface: that curves about the axis; and with the planes across it
 Axis = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]  # unit direction, point on it [mm]
 
 
