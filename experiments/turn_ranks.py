@@ -9,7 +9,7 @@ quarter of the image's resolution, and how much less likely the likeliest of tho
 that is another pose, where it is a rival: less than `RIVAL` nats behind.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -58,13 +58,14 @@ def main(bins: Path, depth: str, trees: Path | None, every: int) -> None:
     rows = []
     for share in SHARES:
         for first in FIRST:
-            lost = [one.lost(share, first) for one in turns]
-            rows.append([f"1/{share}", str(first), *told([a for a, _ in lost]), *told([b for _, b in lost if b is not None])])
+            likeliest, rival = zip(*(one.lost(share, first) for one in turns), strict=True)
+            of_rivals = [nats for nats in rival if nats is not None]
+            rows.append([f"1/{share}", str(first), *told(likeliest), *told(of_rivals)])
     of = ("poses", "not among them", "lost, the most")
     print(markdown_table(["resolution", "first turns", *of, "rivals", *of[1:]], rows))
 
 
-def told(lost: list[float]) -> list[str]:
+def told(lost: Sequence[float]) -> list[str]:
     """How many there are, how many lose anything, and the most that one does."""
     return [str(len(lost)), str(sum(nats > 0.0 for nats in lost)), f"{max(lost, default=0.0):.1f}"]
 

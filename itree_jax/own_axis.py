@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import reduce
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import plan_of, with_more
@@ -21,16 +21,17 @@ from itree_jax.refinement.hypotheses import (
     turned_about_axes,
 )
 from itree_jax.refinement.likelihood import SIZE, support
-from itree_jax.refinement.nearly_revolved import turns_about
+from itree_jax.refinement.nearly_revolved import Axis, turns_about
 from itree_jax.refinement.schedule import Schedule
-from itree_jax.refinement.select import likelihood_ratio
+from itree_jax.refinement.select import NO_RIVAL, likelihood_ratio
 from itree_jax.sight import Sight
 
 STEP = np.radians(5.0)  # of the search all around
 FINER = STEP / 4.0 * np.arange(-2, 3)  # beside the likeliest turn: only a depth map lets refinement feel so little
-# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: the likeliest of all was
-# among them for all of 128 poses, the likeliest rival of 29 too; of two dozen a few were not (experiments/turn_ranks.py).
+# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: of 48 poses the
+# likeliest turn of all was among them, and so was that of the likeliest rival (experiments/turn_ranks.py).
 LIKELY = 36
+SAME_AXIS = float(np.cos(np.radians(15.0)))  # a turn that is refined roughly tilts by some degrees
 
 
 def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
@@ -38,33 +39,50 @@ def turned_to_likeliest(answer: Interpretation, sight: Sight) -> Interpretation:
     scene is likeliest, and to the likeliest place that is another pose than that. They compete as they are, too: rough
     steps may take more from an exact pose than they give.
 
-    In doubt is a pose with a rival. Where the flat is seen clearly, the pose that has it right has none; one that has it
-    wrong has others, as wrong as it is itself. Parts that are of revolution, or not nearly so, are left alone.
+    Parts that are of revolution, or not nearly so, are left alone, and so are poses that are not in doubt.
     """
-    prepared, selection = answer.prepared, answer.selection
-    doubted = np.array([len(others) > 0 for others, _ in selection.rivals], bool)
-    accepted = selection.accepted[doubted & ~answer.hypotheses.turned[selection.accepted]]
+    prepared, accepted = answer.prepared, answer.selection.accepted
     if prepared.own_axis is None or not len(accepted):
+        return answer
+    accepted = accepted[in_doubt(answer, prepared.own_axis) & ~answer.hypotheses.turned[accepted]]
+    if not len(accepted):
         return answer
     plan = plan_of(answer, sight)
     poses = answer.hypotheses.take(accepted).unmet._replace(region=np.arange(len(accepted)))
     found = reduce(joined, [
         likeliest_turns(poses.take(np.array([k])), prepared, sight, plan) for k in range(len(accepted))
     ])
-    found = joined(found, narrow(found, prepared, sight, plan.turned[-1:], plan))
-    found = found._replace(region=answer.hypotheses.region[accepted][found.region])
     turned = answer.hypotheses.turned.copy()
     turned[accepted] = True
     answer = replace(answer, hypotheses=answer.hypotheses._replace(turned=turned))
+    if not len(found.region):
+        return answer
+    found = joined(found, narrow(found, prepared, sight, plan.turned[-1:], plan))
+    found = found._replace(region=answer.hypotheses.region[accepted][found.region])
     return with_more(answer, found, judge(found, prepared, sight, plan), sight)
 
 
+def in_doubt(answer: Interpretation, axis: Axis) -> Bool[np.ndarray, "accepted"]:
+    """Which accepted poses have a rival that has the part's own axis where they have it.
+
+    Where the flat is seen clearly, the pose that has it right has none; one that has it wrong has others, as wrong as
+    it is itself.
+    """
+    along = np.asarray(answer.hypotheses.poses.R_cam_obj, float) @ axis[0]
+    selection = answer.selection
+    return np.array([
+        (along[others] @ along[h] > SAME_AXIS).any()
+        for h, (others, _) in zip(selection.accepted, selection.rivals, strict=True)
+    ], bool)  # fmt: skip
+
+
 def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, plan: Schedule) -> RegionHypotheses:
-    """Of a single pose as it is and of all its turns: the one under which the scene is likeliest, turned on a little
-    where that makes it likelier still, and the likeliest of those that are another pose.
+    """What of all turns of a single pose competes with it: the one under which the scene is likeliest, turned on a
+    little where that makes it likelier still, if that is not the pose as it is; and the likeliest of those that are
+    another pose than that, if it is a rival.
 
     All turns are held against the scene at half the image's resolution, which costs a quarter; the likeliest of them,
-    and the pose as it is, at its own. A pose that is likeliest as it is needs not be asked again.
+    and the pose as it is, at its own.
     """
     every = turned(pose, STEP * np.arange(round(2.0 * np.pi / STEP)), prepared)
     roughly = likelier_than_first(every, prepared, sight, plan, SIZE // 2)
@@ -74,8 +92,9 @@ def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, pl
     first, *second = best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter)
     close = turned(every.take(np.array([first])), FINER, prepared)
     closest = int(np.argmax(likelier_than_first(close, prepared, sight, plan)))
-    stays = np.array([first == 0 and FINER[closest] == 0.0])
-    return joined(close.take(np.array([closest]))._replace(turned=stays), every.take(np.array(second, int)))
+    stays = first == 0 and FINER[closest] == 0.0
+    rivals = [k for k in second if nats[k] > nats[first] - NO_RIVAL]
+    return joined(close.take(np.array([] if stays else [closest], int)), every.take(np.array(rivals, int)))
 
 
 def turned(pose: RegionHypotheses, angles: Float[np.ndarray, "turns"], prepared: Prepared) -> RegionHypotheses:

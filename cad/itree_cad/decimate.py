@@ -80,8 +80,10 @@ def as_manifold(
     face_of_triangle: Int[np.ndarray, "triangles"] | None = None,
 ) -> manifold3d.Manifold:
     """The library's own; its status tells whether the mesh is closed. It keeps faces apart, if it is told them."""
-    faces = {} if face_of_triangle is None else {"face_id": face_of_triangle.astype(np.uint64)}
-    return manifold3d.Manifold(manifold3d.Mesh64(vertices.astype(np.float64), triangles.astype(np.uint64), **faces))
+    corners, faces = vertices.astype(np.float64), triangles.astype(np.uint64)
+    if face_of_triangle is None:
+        return manifold3d.Manifold(manifold3d.Mesh64(corners, faces))
+    return manifold3d.Manifold(manifold3d.Mesh64(corners, faces, face_id=face_of_triangle.astype(np.uint64)))
 
 
 def as_mesh(solid: manifold3d.Manifold) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "triangles 3"]]:
