@@ -28,9 +28,9 @@ from itree_jax.sight import Sight
 
 STEP = np.radians(5.0)  # of the search all around
 FINER = STEP / 4.0 * np.arange(-2, 3)  # beside the likeliest turn: only a depth map lets refinement feel so little
-# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: of 48 poses the
-# likeliest turn of all was among them, and so was that of the likeliest rival (experiments/turn_ranks.py).
-LIKELY = 36
+# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: of 47 of 48 poses the
+# likeliest turn of all was among them, of one another turn by 1.4 nats less likely (experiments/turn_ranks.py).
+LIKELY = 24
 SAME_AXIS = float(np.cos(np.radians(15.0)))  # a turn that is refined roughly tilts by some degrees
 
 
@@ -92,9 +92,10 @@ def likeliest_turns(pose: RegionHypotheses, prepared: Prepared, sight: Sight, pl
     first, *second = best_of_each_region(nats, every, 2, prepared.symmetries, prepared.model.diameter)
     close = turned(every.take(np.array([first])), FINER, prepared)
     closest = int(np.argmax(likelier_than_first(close, prepared, sight, plan)))
+    close = close.take(np.array([closest]))._replace(turned=np.array([first == 0]))  # all around was asked then
     stays = first == 0 and FINER[closest] == 0.0
     rivals = [k for k in second if nats[k] > nats[first] - NO_RIVAL]
-    return joined(close.take(np.array([] if stays else [closest], int)), every.take(np.array(rivals, int)))
+    return joined(close.take(np.arange(0 if stays else 1)), every.take(np.array(rivals, int)))
 
 
 def turned(pose: RegionHypotheses, angles: Float[np.ndarray, "turns"], prepared: Prepared) -> RegionHypotheses:

@@ -36,8 +36,9 @@ def settled(answers: list[Interpretation], sight: Sight) -> list[Interpretation]
         moved = compete(each(moved_along_least_told, answers, sight), sight)
         answers = compete(each(polished, moved, sight), sight)
     for _ in range(TURNS):
+        before = sum(len(answer.hypotheses.region) for answer in answers)
         turned = each(turned_to_likeliest, answers, sight)
-        if all(new is old for new, old in zip(turned, answers, strict=True)):
+        if sum(len(answer.hypotheses.region) for answer in turned) == before:
             break
         answers = compete(each(polished, compete(turned, sight), sight), sight)
     return answers
