@@ -1,6 +1,7 @@
 """The turn about the own axis of a part that is nearly of revolution."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax import own_axis
 from itree_jax.answers import Interpretation
 from itree_jax.challenge import plan_of
-from itree_jax.own_axis import FINER, LIKELY, likeliest_turns, turned_to_likeliest
+from itree_jax.own_axis import FINER, LIKELY, in_doubt, likeliest_turns, turned_to_likeliest
 from itree_jax.prepared import Prepared, prepare
 from itree_jax.recognition import as_forest, read_scene
 from itree_jax.refinement.likelihood import SIZE
@@ -90,7 +91,7 @@ def test_a_pose_that_is_likeliest_as_it_is_is_asked_once(read):
     answer, sight = read
     own = turned(answer, sight, 0.0)
     beside = likeliest_turns(own.hypotheses, own.prepared, sight, plan_of(own, sight))
-    assert len(beside.region) <= 1  # another pose, if there is a rival: not itself again
+    assert len(beside.region) == 0  # no rival, and not itself again
     asked = turned_to_likeliest(own, sight)
     assert asked.hypotheses.turned[asked.selection.accepted].all()
     assert turned_to_likeliest(asked, sight) is asked
@@ -130,3 +131,13 @@ def test_a_pose_without_a_rival_is_left_alone(read):
     wrong = turned(answer, sight, np.radians(143.0))
     sure = wrong.selected(replace(wrong.selection, rivals=((np.zeros(0, int), np.zeros(0)),)))
     assert turned_to_likeliest(sure, sight) is sure
+
+
+@pytest.mark.parametrize(("about", "doubted"), [([0.0, 0.0, 1.2], True), ([1.2, 0.0, 0.0], False)])
+def test_a_rival_casts_doubt_if_it_has_the_axis_where_the_pose_has_it(about, doubted):
+    R = np.stack([np.eye(3), Rotation.from_rotvec(about).as_matrix()])
+    answer = SimpleNamespace(
+        hypotheses=SimpleNamespace(poses=SimpleNamespace(R_cam_obj=R)),
+        selection=SimpleNamespace(accepted=np.array([0]), rivals=((np.array([1]), np.array([3.0])),)),
+    )
+    assert in_doubt(answer, (np.array([0.0, 0.0, 1.0]), np.zeros(3))).tolist() == [doubted]
