@@ -67,11 +67,11 @@ def lean(part: Part) -> Part:
     CAD systems cut faces finer than any image of them shows, and all that casts or fills a mesh pays for it.
     """
     solid = as_manifold(np.asarray(part.vertices), np.asarray(part.triangles), np.asarray(part.face_of_triangle))
-    mesh = solid.simplify(UNSEEN * part.diameter).to_mesh64()
-    faces = np.asarray(mesh.face_id).astype(np.int64)
+    few = solid.simplify(UNSEEN * part.diameter)
+    faces = np.asarray(few.to_mesh64().face_id).astype(np.int64)
     if len(np.unique(faces)) < len(np.unique(part.face_of_triangle)):
         return part
-    vertices, triangles = np.asarray(mesh.vert_properties)[:, :3].copy(), np.asarray(mesh.tri_verts).astype(np.int64)
+    vertices, triangles = as_mesh(few)
     return replace(part, vertices=vertices, triangles=triangles, face_of_triangle=faces)
 
 
