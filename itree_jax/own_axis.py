@@ -28,7 +28,7 @@ from itree_jax.sight import Sight
 
 STEP = np.radians(5.0)  # of the search all around
 FINER = STEP / 4.0 * np.arange(-2, 3)  # beside the likeliest turn: only a depth map lets refinement feel so little
-# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: of 47 of 48 poses the
+# Turns that are held against the scene at the image's own resolution, of the 72 at half of it: of 45 of 46 poses the
 # likeliest turn of all was among them, of one another turn by 1.4 nats less likely (experiments/turn_ranks.py).
 LIKELY = 24
 SAME_AXIS = float(np.cos(np.radians(15.0)))  # a turn that is refined roughly tilts by some degrees
