@@ -39,11 +39,14 @@ class SensorErrors(NamedTuple):
 
 
 class Support(NamedTuple):
-    """Log-likelihood ratios [nats] of a batch of poses, in windows of the first camera."""
+    """Log-likelihood ratios [nats] of a list of poses, in windows of the first camera.
 
-    pixels: Float[np.ndarray, "h s s"]  # above 0: the pose explains the pixel; below: it contradicts it
-    at_steps: Float[np.ndarray, "h s s"]  # of those beside the pose's own steps of depth, which `pixels` leaves out
-    hidden: Bool[np.ndarray, "h s s"]  # pixels of the pose behind something nearer
+    Windows are shared by the lists that a pose is in: none is copied when lists are joined or cut.
+    """
+
+    pixels: Sequence[Float[np.ndarray, "s s"]]  # above 0: the pose explains the pixel; below: it contradicts it
+    at_steps: Sequence[Float[np.ndarray, "s s"]]  # of those beside the pose's own steps of depth: not in `pixels`
+    hidden: Sequence[Bool[np.ndarray, "s s"]]  # pixels of the pose behind something nearer
     lit: Float[np.ndarray, "h"]  # window pixels that speak for the pose and that a light shows
     beside: Float[np.ndarray, "h"]  # of contours and of other cameras
     origin_uv: Float[np.ndarray, "h 2"]  # image point of window pixel (0, 0) [px]
@@ -53,11 +56,13 @@ class Support(NamedTuple):
     def joined(self, other: "Support") -> "Support":
         """Both lists, one after the other; of one part, so of one stride."""
         assert self[-2:] == other[-2:]
-        arrays = (np.concatenate(pair) for pair in zip(self[:-2], other[:-2], strict=True))
-        return Support(*arrays, stride=self.stride, weight=self.weight)
+        windows = ([*one, *more] for one, more in zip(self[:3], other[:3], strict=True))
+        arrays = (np.concatenate(pair) for pair in zip(self[3:-2], other[3:-2], strict=True))
+        return Support(*windows, *arrays, stride=self.stride, weight=self.weight)
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Support":
-        return Support(*(values[index] for values in self[:-2]), stride=self.stride, weight=self.weight)
+        windows = ([values[k] for k in index] for values in self[:3])
+        return Support(*windows, *(a[index] for a in self[3:-2]), stride=self.stride, weight=self.weight)
 
 
 def support(
@@ -79,7 +84,9 @@ def support(
             *view.poses(R, t), model, view.seen_by, errors, size, stride, edges, crease
         )
         beside = beside + contour + np.float32(weight) * np.sum(there, axis=(1, 2), dtype=np.float32)
-    return Support(pixels, np.float32(at_step / weight) * at_steps, hidden, lit, beside, origin, stride, weight)
+    if at_step != weight:
+        at_steps = np.float32(at_step / weight) * at_steps
+    return Support(*map(list, (pixels, at_steps, hidden)), lit, beside, origin, stride, weight)
 
 
 def _seen_by(

@@ -11,7 +11,7 @@ from itree_jax.refinement.hypotheses import contour_share, flush_share
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.scoring import HOPELESS, Measures, Scoring, contour_of, of_place, probability, share
 from itree_jax.refinement.verify import Verdict
-from itree_jax.refinement.window_totals import Places, Totals, box, totals
+from itree_jax.refinement.window_totals import Explained, Totals, box, totals
 
 Key = tuple[int, int]  # (part, index of the hypothesis)
 Rivals = tuple[Int[np.ndarray, "others"], Float[np.ndarray, "others"]]
@@ -58,12 +58,22 @@ class Judged:
             one.ratios[other] = likelihood_ratio(self.support, a, b, self.totals)
         return one.ratios[other]
 
-    def explains(self, h: int, image_shape: tuple[int, int]) -> Places:
-        """Rows and columns of the image pixels that a hypothesis explains, and how well [nats]."""
+    def explains(self, h: int, image_shape: tuple[int, int]) -> Explained:
+        """The image pixels that a hypothesis explains."""
         found = self.totals.found[h]
         if found.explains is None:
-            found.explains = _pixels(self, h, image_shape)
+            nats = self.support.pixels[h][_window(self, h)]
+            mask = nats > 0
+            speaking = nats[mask].astype(np.float32)
+            found.explains = Explained(_places(self, h, mask, image_shape), speaking, max(float(speaking.sum()), 1e-9))
         return found.explains
+
+    def hidden(self, h: int, image_shape: tuple[int, int]) -> Int[np.ndarray, "pixels"]:
+        """The image pixels, as places of the flat image, where something nearer hides a hypothesis."""
+        found = self.totals.found[h]
+        if found.hidden is None:
+            found.hidden = _places(self, h, self.support.hidden[h][_window(self, h)], image_shape)
+        return found.hidden
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
@@ -139,7 +149,10 @@ def select_jointly(
     for _ in range(ROUNDS):
         accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
         rivals = {key: _rivals(key, accepted, judged, share_space, out) for key in accepted}
-        final = {key: _in_company(key, accepted, judged, alone, owner, rivals[key][1]) for key in accepted}
+        final = {
+            key: _in_company(key, number, judged, alone, owner, image_shape, rivals[key][1])
+            for number, key in enumerate(accepted)
+        }
         for (part, h), measured in final.items():
             scores[part][h] = probability(measured, scoring)
         improbable = [
@@ -171,9 +184,9 @@ def _selection(
 def _greedy(
     judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]], image_shape: tuple[int, int],
     share_space: Callable[[Key, Key], bool], out: dict[Key, str],
-) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "height width"]]:
-    """The accepted hypotheses, why others are not, and whose each pixel is (-1 nobody's)."""
-    owner = np.full(image_shape, -1)
+) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "pixels"]]:
+    """The accepted hypotheses, why others are not, and whose each pixel of the flat image is (-1 nobody's)."""
+    owner = np.full(image_shape[0] * image_shape[1], -1, np.int32)
     accepted: list[Key] = []
     reasons: dict[Key, str] = {}
     weighed = sorted(
@@ -185,14 +198,13 @@ def _greedy(
     while waiting:
         key = _best_of_place(waiting, near, judged)
         waiting.remove(key)
-        rows, columns, weight = judged[key[0]].explains(key[1], image_shape)
-        own = weight[owner[rows, columns] < 0].sum() / max(float(weight.sum()), 1e-9)
-        if own < LEAST_OWN_SHARE:
+        explained = judged[key[0]].explains(key[1], image_shape)
+        if explained.nats[owner[explained.places] < 0].sum() < LEAST_OWN_SHARE * explained.whole:
             reasons[key] = EXPLAINED
         elif any(share_space(key, other) for other in accepted):
             reasons[key] = "it would share space with a better pose"
         else:
-            _take(owner, rows, columns, judged[key[0]].support.stride, len(accepted))
+            _take(owner, explained.places, judged[key[0]].support.stride, image_shape, len(accepted))
             accepted.append(key)
     return accepted, reasons, owner
 
@@ -250,20 +262,20 @@ def measures_alone(one: Judged) -> Measures:
 
 
 def _in_company(
-    key: Key, accepted: Sequence[Key], judged: Sequence[Judged], alone: Sequence[Measures],
-    owner: Int[np.ndarray, "height width"], margins: Float[np.ndarray, "others"],
+    key: Key, number: int, judged: Sequence[Judged], alone: Sequence[Measures], owner: Int[np.ndarray, "pixels"],
+    image_shape: tuple[int, int], margins: Float[np.ndarray, "others"],
 ) -> Measures:
-    """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals."""
+    """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals. `number`:
+    its own in `owner`.
+    """
     part, h = key
-    one, number = judged[part], list(accepted).index(key)
     measured = Measures(*(np.asarray(values)[h] for values in alone[part]))
-    rows, columns, weight = one.explains(h, owner.shape)
-    rows_h, columns_h = _places(one, h, one.support.hidden[h][_window(one, h)], owner.shape)
-    covered = owner[rows_h, columns_h]
+    explained = judged[part].explains(h, image_shape)
+    covered = owner[judged[part].hidden(h, image_shape)]
     by_nobody = int(((covered < 0) | (covered == number)).sum())
     return measured._replace(
-        hidden=np.float64(by_nobody / (len(rows) + by_nobody + 1e-9)),
-        own=np.float64(weight[owner[rows, columns] == number].sum() / max(float(weight.sum()), 1e-9)),
+        hidden=np.float64(by_nobody / (len(explained.places) + by_nobody + 1e-9)),
+        own=np.float64(explained.nats[owner[explained.places] == number].sum() / explained.whole),
         margin=np.float64(margins.min(initial=np.inf)),
     )
 
@@ -283,13 +295,6 @@ def _rivals(
     return np.array(list(found), int), np.array(list(found.values()), float)
 
 
-def _pixels(one: Judged, h: int, image_shape: tuple[int, int]) -> Places:
-    """As `Judged.explains`."""
-    nats = one.support.pixels[h][_window(one, h)]
-    mask = nats > 0
-    return *_places(one, h, mask, image_shape), nats[mask].astype(np.float32)
-
-
 def _window(one: Judged, h: int) -> tuple[slice, slice]:
     """What isn't empty of a hypothesis's window."""
     top, bottom, left, right = one.totals.box[h].tolist()
@@ -298,22 +303,22 @@ def _window(one: Judged, h: int) -> tuple[slice, slice]:
 
 def _places(
     one: Judged, h: int, mask: Bool[np.ndarray, "r c"], image_shape: tuple[int, int]
-) -> tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"]]:
-    """Rows and columns of the image of pixels of what isn't empty of the window."""
+) -> Int[np.ndarray, "pixels"]:
+    """Places in the flat image of pixels of what isn't empty of the window; those beyond the rim are on it."""
     i, j = np.nonzero(mask)
     (u0, v0), stride, (top, _, left, _) = one.support.origin_uv[h].astype(int), one.support.stride, one.totals.box[h]
     rows = np.clip(v0 + stride * (top + i), 0, image_shape[0] - 1)
-    return rows, np.clip(u0 + stride * (left + j), 0, image_shape[1] - 1)
+    return rows * image_shape[1] + np.clip(u0 + stride * (left + j), 0, image_shape[1] - 1)
 
 
 def _take(
-    owner: Int[np.ndarray, "height width"], rows: Int[np.ndarray, "pixels"], columns: Int[np.ndarray, "pixels"],
-    stride: int, number: int,
+    owner: Int[np.ndarray, "pixels"], places: Int[np.ndarray, "explained"], stride: int, image_shape: tuple[int, int],
+    number: int,
 ) -> None:
     """A window pixel stands for a square of the image; what is owned stays."""
-    height, width = owner.shape
+    height, width = image_shape
+    rows, columns = np.divmod(places, width)
     for i in range(stride):
         for j in range(stride):
-            r, c = np.minimum(rows + i, height - 1), np.minimum(columns + j, width - 1)
-            free = owner[r, c] < 0
-            owner[r[free], c[free]] = number
+            square = np.minimum(rows + i, height - 1) * width + np.minimum(columns + j, width - 1)
+            owner[square[owner[square] < 0]] = number

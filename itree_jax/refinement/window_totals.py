@@ -8,7 +8,13 @@ from jaxtyping import Float, Int, Shaped
 
 from itree_jax.refinement.likelihood import Support
 
-Places = tuple[Int[np.ndarray, "pixels"], Int[np.ndarray, "pixels"], Float[np.ndarray, "pixels"]]
+
+class Explained(NamedTuple):
+    """What a hypothesis explains."""
+
+    places: Int[np.ndarray, "pixels"]  # of the flat image
+    nats: Float[np.ndarray, "pixels"]  # how well
+    whole: float  # the sum of these
 
 
 @dataclass(eq=False)
@@ -17,7 +23,8 @@ class Found:
 
     ratios: dict["Found", float] = field(default_factory=dict)  # log-likelihood ratio to another one [nats]
     shares_space: dict["Found", bool] = field(default_factory=dict)  # with another one
-    explains: Places | None = None  # rows and columns of image pixels, and how well [nats]
+    explains: Explained | None = None
+    hidden: Int[np.ndarray, "pixels"] | None = None  # places of the flat image where something nearer hides it
 
     def keeps(self, other: "Found") -> bool:
         """Which of two keeps what was found of both: none keep each other, so that they go with their scene."""
@@ -52,7 +59,7 @@ def totals(support: Support) -> Totals:
         for h, (pixels, hidden) in enumerate(zip(support.pixels, support.hidden, strict=True))
     ]  # fmt: skip
     if not windows:
-        none = np.zeros(0, support.pixels.dtype)
+        none = np.zeros(0, np.float32)
         return Totals(none, none, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 4), int), np.zeros(0, object))
     return Totals(*(np.array(values) for values in zip(*windows, strict=True)))
 

@@ -18,6 +18,7 @@ SPARE = wp.constant(0.05)  # [window px] beside an edge in a row: roundings
 FLAT = wp.constant(1e-6)  # [window px] by which an edge rises: what does less has no side in a row
 ON_EDGE = wp.constant(1e-4)  # [window px^2] by which a pixel may lie outside of an edge: leaves no cracks
 NO_AREA = wp.constant(1e-9)  # [window px^2]
+FAR = wp.constant(1e30)  # [window px]
 
 
 def fills(mesh: RayMesh, pixels: int) -> bool:
@@ -37,16 +38,33 @@ def of_rise(edge: wp.vec2) -> float:
 
 
 @wp.func
-def within(near: wp.vec2, corner: wp.vec3, row: float, per_rise: float) -> wp.vec2:
+def lesser(a: float, b: float) -> float:
+    """Of two numbers; `wp.min` takes three times as long, to allow for what is none."""
+    return wp.where(a < b, a, b)
+
+
+@wp.func
+def greater(a: float, b: float) -> float:
+    """The other one of the two."""
+    return wp.where(a > b, a, b)
+
+
+@wp.func
+def bounds_beside(per_rise: float) -> wp.vec2:
+    """What is added to the column in which a row meets an edge, for the least and the greatest column inside of it; far
+    out where that is on the edge's other side.
+    """
+    return wp.vec2(wp.where(per_rise < 0.0, -SPARE, -FAR), wp.where(per_rise > 0.0, SPARE, FAR))
+
+
+@wp.func
+def within(near: wp.vec2, corner: wp.vec3, row: float, per_rise: float, beside: wp.vec2) -> wp.vec2:
     """Of the columns near[0] .. near[1] of a row, those on the inner side of an edge, and a little more.
 
-    `row`: twice the area inside of the edge that its corner would have in this row.
+    `row`: twice the area inside of the edge that its corner would have in this row; `beside`: see `bounds_beside`.
     """
     column = corner[0] + (row + ON_EDGE) * per_rise
-    return wp.vec2(
-        wp.max(near[0], wp.where(per_rise < 0.0, column - SPARE, near[0])),
-        wp.min(near[1], wp.where(per_rise > 0.0, column + SPARE, near[1])),
-    )
+    return wp.vec2(greater(near[0], column + beside[0]), lesser(near[1], column + beside[1]))
 
 
 @wp.kernel(enable_backward=False)
@@ -81,10 +99,15 @@ def raster_kernel(
     per_stride = 1.0 / stride
     axis_obj = wp.transpose(R) * wp.vec3(0.0, 0.0, 1.0)
     camera_obj = -(wp.transpose(R) * t)
+    # loops by `while` and rows of their own: `range` and three indices cost more than what is done with a pixel
     for i in range(height):
-        for j in range(width):
-            depth_out[h, i, j] = 0.0
-            triangle_out[h, i, j] = -1
+        depth_row = depth_out[h, i]
+        triangle_row = triangle_out[h, i]
+        j = wp.int32(0)
+        while j < width:
+            depth_row[j] = 0.0
+            triangle_row[j] = -1
+            j += 1
     for n in range(vertices.shape[0]):
         X = R * vertices[n] + t
         at = (image_point(X, camera, orthographic) - origin) * per_stride
@@ -101,10 +124,10 @@ def raster_kernel(
             b = projected[corners[3 * face + 1]]
             c = projected[corners[3 * face + 2]]
             if orthographic == 1 or (a[2] > 0.0 and b[2] > 0.0 and c[2] > 0.0):
-                left = wp.max(int(wp.ceil(wp.min(wp.min(a[0], b[0]), c[0]) - ON_EDGE)), 0)
-                right = wp.min(int(wp.floor(wp.max(wp.max(a[0], b[0]), c[0]) + ON_EDGE)), width - 1)
-                top = wp.max(int(wp.ceil(wp.min(wp.min(a[1], b[1]), c[1]) - ON_EDGE)), 0)
-                bottom = wp.min(int(wp.floor(wp.max(wp.max(a[1], b[1]), c[1]) + ON_EDGE)), height - 1)
+                left = wp.max(int(wp.ceil(lesser(lesser(a[0], b[0]), c[0]) - ON_EDGE)), 0)
+                right = wp.min(int(wp.floor(greater(greater(a[0], b[0]), c[0]) + ON_EDGE)), width - 1)
+                top = wp.max(int(wp.ceil(lesser(lesser(a[1], b[1]), c[1]) - ON_EDGE)), 0)
+                bottom = wp.min(int(wp.floor(greater(greater(a[1], b[1]), c[1]) + ON_EDGE)), height - 1)
                 ab = wp.vec2(b[0] - a[0], b[1] - a[1])
                 bc = wp.vec2(c[0] - b[0], c[1] - b[1])
                 ca = wp.vec2(a[0] - c[0], a[1] - c[1])
@@ -117,17 +140,25 @@ def raster_kernel(
                     per_ab = of_rise(ab)
                     per_bc = of_rise(bc)
                     per_ca = of_rise(ca)
-                    for i in range(top, bottom + 1):
+                    beside_ab = bounds_beside(per_ab)
+                    beside_bc = bounds_beside(per_bc)
+                    beside_ca = bounds_beside(per_ca)
+                    i = int(top)
+                    while i <= bottom:
+                        depth_row = depth_out[h, i]
+                        triangle_row = triangle_out[h, i]
                         # of the row, what lies inside of all three edges: a sliver's box is mostly empty
                         y = float(i)
                         row_ab = ab[0] * (y - a[1])
                         row_bc = bc[0] * (y - b[1])
                         row_ca = ca[0] * (y - c[1])
                         near = wp.vec2(float(left), float(right))
-                        near = within(near, a, row_ab, per_ab)
-                        near = within(near, b, row_bc, per_bc)
-                        near = within(near, c, row_ca, per_ca)
-                        for j in range(int(wp.ceil(near[0])), int(wp.floor(near[1])) + 1):
+                        near = within(near, a, row_ab, per_ab, beside_ab)
+                        near = within(near, b, row_bc, per_bc, beside_bc)
+                        near = within(near, c, row_ca, per_ca, beside_ca)
+                        end = int(wp.floor(near[1]))
+                        j = int(wp.ceil(near[0]))
+                        while j <= end:
                             x = float(j)
                             of_a = row_bc - bc[1] * (x - b[0])
                             of_b = row_ca - ca[1] * (x - c[0])
@@ -140,6 +171,8 @@ def raster_kernel(
                                 whole = of_a + of_b + of_c
                                 part = of_a * a[2] + of_b * b[2] + of_c * c[2]
                                 z = wp.where(orthographic == 1, part, whole) / wp.where(orthographic == 1, whole, part)
-                                if triangle_out[h, i, j] < 0 or z < depth_out[h, i, j]:
-                                    depth_out[h, i, j] = z
-                                    triangle_out[h, i, j] = face
+                                if triangle_row[j] < 0 or z < depth_row[j]:
+                                    depth_row[j] = z
+                                    triangle_row[j] = face
+                            j += 1
+                        i += 1

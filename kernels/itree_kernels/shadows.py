@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from itree_kernels.mesh import RayMesh
-from itree_kernels.raster import NO_AREA, ON_EDGE, of_rise, within
+from itree_kernels.raster import NO_AREA, ON_EDGE, bounds_beside, of_rise, within
 from itree_kernels.rays import surface_point
 
 PIXELS_PER_CELL = 8  # of an image
@@ -146,13 +146,16 @@ def shadow_kernel(
                     per_ab = of_rise(ab)
                     per_bc = of_rise(bc)
                     per_ca = of_rise(ca)
+                    beside_ab = bounds_beside(per_ab)
+                    beside_bc = bounds_beside(per_bc)
+                    beside_ca = bounds_beside(per_ca)
                     for row in range(top, bottom + 1):
                         # of the row of cells, what may lie inside of all three edges
                         below = float(row)
                         near = wp.vec2(left, right)
-                        near = within(near, a, most_inside(a, ab, below), per_ab)
-                        near = within(near, b, most_inside(b, bc, below), per_bc)
-                        near = within(near, c, most_inside(c, ca, below), per_ca)
+                        near = within(near, a, most_inside(a, ab, below), per_ab, beside_ab)
+                        near = within(near, b, most_inside(b, bc, below), per_bc, beside_bc)
+                        near = within(near, c, most_inside(c, ca, below), per_ca, beside_ca)
                         if near[0] <= near[1]:
                             raise_cells(grid.highest, row, cell_of(near[0], side), cell_of(near[1], side), a, slope,
                                         crest, rounded_up)

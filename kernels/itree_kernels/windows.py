@@ -37,8 +37,9 @@ class Windows:
     depth: wp.array  # [h, s, s] z [mm], 0 where the part is missed
     triangle: wp.array  # [h, s, s], -1 where the part is missed
     contour_uv: wp.array  # [h, 2, s, s] of vec2: crossing toward the right / lower neighbour [px]; may be empty
-    contour_depth: wp.array  # [h, 2, s, s] z [mm] of the near side there, 0 where no contour
-    contour_column: wp.array  # [h, 2, s, s + 1] of int: columns of each row with a contour, ended by -1
+    contour_depth: wp.array  # [h, 2, s, s] z [mm] of the near side there
+    contour_column: wp.array  # [h, 2, s, s + 1] of int: columns of each row with a contour, ended by -1: of others
+    # nothing is written
     size: int
     stride: int
     device: str
@@ -56,7 +57,8 @@ def windows(
     R_cam_obj: Float[np.ndarray, "h 3 3"], t_cam_obj: Float[np.ndarray, "h 3"], origin_uv: Float[np.ndarray, "h 2"],
     size: int, stride: int, device: str, contours: bool = True,
 ) -> Windows:
-    """Windows of `size` x `size` pixels every `stride` pixels, no ray cast yet."""
+    """Windows of `size` x `size` pixels every `stride` pixels, no ray cast yet. Until then their memory is not touched.
+    """
     count, side = len(R_cam_obj), size if contours else 0
 
     def on_device(array: np.ndarray, kind: type) -> wp.array:
@@ -67,9 +69,9 @@ def windows(
         wp.full(count, 1, dtype=int, device=device),
         wp.empty((count, size, size), dtype=float, device=device),
         wp.empty((count, size, size), dtype=int, device=device),
-        wp.zeros((count, 2, side, side), dtype=wp.vec2, device=device),
-        wp.zeros((count, 2, side, side), dtype=float, device=device),
-        wp.full((count, 2, side, side + 1), -1, dtype=int, device=device),
+        wp.empty((count, 2, side, side), dtype=wp.vec2, device=device),
+        wp.empty((count, 2, side, side), dtype=float, device=device),
+        wp.empty((count, 2, side, side + 1), dtype=int, device=device),
         size, stride, device,
     )
 
@@ -235,12 +237,6 @@ def contour_kernel(
     t = t_cam_obj[h]
     for side in range(2):
         i2 = i + side
-        for m in range(s):
-            old = contour_column_out[h, side, i, m]
-            if old < 0:
-                break
-            contour_uv_out[h, side, i, old] = wp.vec2(0.0, 0.0)
-            contour_depth_out[h, side, i, old] = 0.0
         count = wp.int32(0)
         for j in range(s):
             j2 = j + 1 - side
