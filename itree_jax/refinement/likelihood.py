@@ -56,13 +56,19 @@ class Support(NamedTuple):
     def joined(self, other: "Support") -> "Support":
         """Both lists, one after the other; of one part, so of one stride."""
         assert self[-2:] == other[-2:]
-        windows = ([*one, *more] for one, more in zip(self[:3], other[:3], strict=True))
-        arrays = (np.concatenate(pair) for pair in zip(self[3:-2], other[3:-2], strict=True))
-        return Support(*windows, *arrays, stride=self.stride, weight=self.weight)
+        lit, beside, origin = (np.concatenate(pair) for pair in zip(self[3:6], other[3:6], strict=True))
+        pixels, at_steps = [*self.pixels, *other.pixels], [*self.at_steps, *other.at_steps]
+        hidden = [*self.hidden, *other.hidden]
+        return self._replace(
+            pixels=pixels, at_steps=at_steps, hidden=hidden, lit=lit, beside=beside, origin_uv=origin
+        )
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Support":
-        windows = ([values[k] for k in index] for values in self[:3])
-        return Support(*windows, *(a[index] for a in self[3:-2]), stride=self.stride, weight=self.weight)
+        pixels, at_steps, hidden = ([windows[k] for k in index] for windows in self[:3])
+        lit, beside, origin = (array[index] for array in self[3:6])
+        return self._replace(
+            pixels=pixels, at_steps=at_steps, hidden=hidden, lit=lit, beside=beside, origin_uv=origin
+        )
 
 
 def support(
@@ -86,7 +92,7 @@ def support(
         beside = beside + contour + np.float32(weight) * np.sum(there, axis=(1, 2), dtype=np.float32)
     if at_step != weight:
         at_steps = np.float32(at_step / weight) * at_steps
-    return Support(*map(list, (pixels, at_steps, hidden)), lit, beside, origin, stride, weight)
+    return Support(list(pixels), list(at_steps), list(hidden), lit, beside, origin, stride, weight)
 
 
 def _seen_by(

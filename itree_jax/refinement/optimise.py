@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
+from itree_kernels.pose_descent import descend, descent_kernel, gates_on_device, in_one_launch
 from itree_kernels.pose_equations import MovedPoses, equations_kernel, gates_of, row_sums, sum_rows
 from itree_kernels.pose_step import follow, spreads_of, step, step_kernel
 from itree_kernels.scene_maps import SeenBy
@@ -156,28 +157,48 @@ def _refine_stage(
         deviations.contour_bias,
     )))  # fmt: skip
 
+    gates, rest = gates_of_steps(stage, float(deviations.grazing))
+    casts = [some.into(there) for some, there in zip(rays, seen, strict=True)]
+    work = stage.steps * stage.size**2
+    rays[0].load()
+
+    if in_one_launch(views, device):
+        load_kernel(descent_kernel, device)
+        steps = gates_on_device(gates, rest, device)
+
+        def descend_some(first: int, last: int) -> None:
+            descend(pose, seen[0], rays[0], casts[0], views[0], *steps, spreads, turns, FARTHEST, first, last, sums)
+
+        launch_in_chunks(descend_some, count, work, device)
+        return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
+
     def refine_some(first: int, last: int) -> None:
         for k in range(stage.steps):
-            ends = (stage.depth_gate, stage.needle_gate, stage.contour_gate)
-            depth, needle, contour = (ramp(gate, k, stage.steps) for gate in ends)
-            gates = gates_of(depth, needle, contour, float(deviations.grazing))
-            rest = REST if (depth, needle, contour) == tuple(float(gate[1]) for gate in ends) else 0.0
             for view, by in enumerate(views):
                 follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
                 if any_stale(seen[view], first, last):
-                    rays[view].cast(seen[view], first, last)
-                sum_rows(seen[view], there[view], by, mesh.normals_obj, gates, view, first, last, sums)
-            step(pose, sums, spreads, turns, views[0], model.reach, rest, first, last)
+                    rays[view].cast(seen[view], first, last, casts[view])
+                sum_rows(seen[view], there[view], by, mesh.normals_obj, gates[k], view, first, last, sums)
+            step(pose, sums, spreads, turns, views[0], model.reach, rest[k], first, last)
             if not any_moving(pose, first, last):
                 break
 
-    rays[0].load()
     kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
     for kernel in kernels:
         load_kernel(kernel, device)
-    work = stage.steps * stage.size**2
-    launch_in_chunks(refine_some, count, work, device, chunks_each=2)  # each takes five launches a step
+    launch_in_chunks(refine_some, count, work, device, chunks_each=2)  # each takes four launches a step and camera
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
+
+
+def gates_of_steps(stage: Stage, grazing: float) -> tuple[list[Any], list[float]]:
+    """Of every step: its gates, and how little [px] a pose's rim moves by that has come to rest: none does while gates
+    fall.
+    """
+    ends = stage.depth_gate, stage.needle_gate, stage.contour_gate
+    gates = [[ramp(gate, k, stage.steps) for gate in ends] for k in range(stage.steps)]
+    at_last = [float(last) for _, last in ends]
+    rest = [REST if gate == at_last else 0.0 for gate in gates]
+    return [gates_of(*gate, grazing) for gate in gates], rest
 
 
 def poses_on_device(R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], device: str) -> MovedPoses:
@@ -207,9 +228,10 @@ def cast_in(
     device = model.mesh.device
     seen = windows(R, t, window_origins(camera, t, size, stride), size, stride, device, jump is not None)
     rays = Rays(model.mesh, camera, model.reach, jump, crease, model.rough)
+    how = rays.into(seen)
 
     def cast_some(first: int, last: int) -> None:
-        rays.cast(seen, first, last)
+        rays.cast(seen, first, last, how)
         read(seen, first, last)
 
     rays.load()

@@ -9,7 +9,7 @@ import warp as wp
 from jaxtyping import Float
 
 from itree_kernels.scene_maps import SceneMaps, SeenBy
-from itree_kernels.windows import Windows
+from itree_kernels.windows import WindowArrays, Windows
 
 BLIND = wp.constant(0.5)  # what a pixel without depth counts: needles and shading are alike on any parallel face
 SAME_SHADING = wp.constant(0.12)  # of full albedo: 4 standard deviations of the 3 % that reflected light adds
@@ -168,16 +168,9 @@ def goes_on_flush(
 @wp.kernel(enable_backward=False)
 def agreement_kernel(
     # In:
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    origin_uv: wp.array(dtype=wp.vec2),
-    depth: wp.array3d(dtype=float),
-    triangle: wp.array3d(dtype=int),
-    contour_uv: wp.array(dtype=wp.vec2, ndim=4),
-    contour_depth: wp.array(dtype=float, ndim=4),
-    contour_column: wp.array(dtype=int, ndim=4),
+    seen: WindowArrays,
     normal_obj: wp.array(dtype=wp.vec3),
     maps: SceneMaps,
-    stride: float,
     limits: Limits,
     first: int,
     # Out:
@@ -185,29 +178,32 @@ def agreement_kernel(
 ):
     k, i = wp.tid()
     h = first + k
-    size = depth.shape[2]
-    R = R_cam_obj[h]
-    row = int(origin_uv[h][1] + stride * float(i))
+    size = seen.depth.shape[2]
+    R = seen.R_cam_obj[h]
+    origin = seen.origin_uv[h]
+    depth_row = seen.depth[h, i]
+    triangle_row = seen.triangle[h, i]
+    row = int(origin[1] + seen.stride * float(i))
     pixels = pixels5()
     for j in range(size):
-        column = int(origin_uv[h][0] + stride * float(j))
-        if triangle[h, i, j] >= 0:
-            normal = R * normal_obj[triangle[h, i, j]]
-            pixels += pixel_verdict(maps, row, column, depth[h, i, j], normal, limits)
+        column = int(origin[0] + seen.stride * float(j))
+        face = triangle_row[j]
+        if face >= 0:
+            pixels += pixel_verdict(maps, row, column, depth_row[j], R * normal_obj[face], limits)
 
     found = wp.float32(0.0)
     missed = wp.float32(0.0)
     flush = wp.float32(0.0)
-    if contour_depth.shape[2] > 0:
+    if seen.contour_depth.shape[2] > 0:
         for side in range(2):
             for m in range(size):
-                j = contour_column[h, side, i, m]
+                j = seen.contour_column[h, side, i, m]
                 if j < 0:
                     break
-                z = contour_depth[h, side, i, j]
-                uv = contour_uv[h, side, i, j]
-                beyond = hit_depth(depth, triangle, h, i + side, j + 1 - side)
-                toward = wp.where(hit_depth(depth, triangle, h, i, j) <= beyond, limits.step, -limits.step)
+                z = seen.contour_depth[h, side, i, j]
+                uv = seen.contour_uv[h, side, i, j]
+                beyond = hit_depth(seen.depth, seen.triangle, h, i + side, j + 1 - side)
+                toward = wp.where(hit_depth(seen.depth, seen.triangle, h, i, j) <= beyond, limits.step, -limits.step)
                 shift = wp.where(side == 0, wp.vec2(toward, 0.0), wp.vec2(0.0, toward))
                 inner = depth_at(maps, uv - shift)
                 outer = depth_at(maps, uv + shift)
@@ -229,8 +225,8 @@ def agreement_kernel(
                             i_rim = wp.where(toward > 0.0, i, i + side)
                             j_rim = wp.where(toward > 0.0, j, j + 1 - side)
                             if goes_on_flush(
-                                R, origin_uv[h], depth, triangle, normal_obj, maps, stride, limits, h, i_rim, j_rim,
-                                inward * side, inward * (1 - side), uv + shift,
+                                R, origin, seen.depth, seen.triangle, normal_obj, maps, seen.stride, limits, h,
+                                i_rim, j_rim, inward * side, inward * (1 - side), uv + shift,
                             ):
                                 flush += 1.0
                 elif limits.edge > 0.0:
@@ -259,9 +255,7 @@ def count_rows(
     wp.launch(
         agreement_kernel, dim=(last - first, seen.size),
         inputs=[
-            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth,
-            seen.contour_column, normal_obj,
-            by.maps, float(seen.stride), limits, first,
+            seen.arrays, normal_obj, by.maps, limits, first,
         ],
         outputs=[counts], device=seen.device,
     )  # fmt: skip

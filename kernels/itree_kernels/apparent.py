@@ -230,7 +230,7 @@ def _filled(
     views, height, width = maps.depth.shape
     count, device = lights.shape[0], mesh.device
     triangle = wp.empty(maps.depth.shape, dtype=int, device=device)
-    origin, everyone = wp.zeros(views, dtype=wp.vec2, device=device), wp.full(views, 1, dtype=int, device=device)
+    origin = wp.zeros(views, dtype=wp.vec2, device=device)
     lens = camera_vector(camera), int(camera.is_orthographic)
     surface = [mesh.warp_mesh.points, mesh.warp_mesh.indices, mesh.normals_obj, int(mesh.is_closed)]
     sphere = [wp.vec3(*mesh.centre.tolist()), mesh.radius, mesh.shadow_offset]
@@ -239,7 +239,7 @@ def _filled(
         some = last - first
         wp.launch(
             raster_kernel, dim=some, device=device, outputs=[maps.depth, triangle],
-            inputs=[*surface, R_cam_obj, t_cam_obj, origin, *lens, 1.0, first, everyone, room_for_vertices(mesh)],
+            inputs=[*surface, R_cam_obj, t_cam_obj, origin, *lens, 1.0, first, room_for_vertices(mesh)],
         )
         wp.launch(
             shading_kernel, dim=(some, height), device=device, outputs=[maps.face, maps.normal, maps.lit],

@@ -43,8 +43,7 @@ def correspondences(
     more from one triangle to the next, its crease is a contour point too; None: occluding contours alone.
     """
     seen = windows(R_cam_obj, t_cam_obj, origin_uv, size, stride, mesh.device, contours=jump is not None)
-    seen.contour_uv.zero_()
-    seen.contour_depth.zero_()
+    seen.clear_contours()
     Rays(mesh, camera, reach, jump, crease).cast_all(seen)
     return Correspondences(
         seen.depth.numpy(), seen.triangle.numpy(), seen.contour_uv.numpy(), seen.contour_depth.numpy()

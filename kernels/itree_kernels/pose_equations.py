@@ -16,7 +16,7 @@ import warp as wp
 
 from itree_kernels.rays import camera_vector, image_point
 from itree_kernels.scene_maps import SceneMaps, SeenBy
-from itree_kernels.windows import Windows
+from itree_kernels.windows import WindowArrays, Windows
 
 
 @wp.struct
@@ -80,50 +80,27 @@ def point_seen(u: float, v: float, z: float, camera: wp.vec4, per_f: wp.vec2, or
     return wp.vec3(x * scale, y * scale, z)
 
 
-@wp.kernel(enable_backward=False)
-def equations_kernel(
-    # In:
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    t_cam_obj: wp.array(dtype=wp.vec3),
-    moving: wp.array(dtype=int),
-    cast_R: wp.array(dtype=wp.mat33),
-    cast_t: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    depth: wp.array3d(dtype=float),
-    triangle: wp.array3d(dtype=int),
-    contour_uv: wp.array(dtype=wp.vec2, ndim=4),
-    contour_depth: wp.array(dtype=float, ndim=4),
-    contour_column: wp.array(dtype=int, ndim=4),
-    normal_obj: wp.array(dtype=wp.vec3),
-    maps: SceneMaps,
-    camera: wp.vec4,
-    orthographic: int,
-    stride: float,
-    gates: Gates,
-    view: int,
-    first: int,
-    # Out:
-    sums: RowSums,
+@wp.func
+def sum_row(
+    R: wp.mat33, t: wp.vec3, seen: WindowArrays, normal_obj: wp.array(dtype=wp.vec3), maps: SceneMaps, camera: wp.vec4,
+    orthographic: int, gates: Gates, view: int, h: int, i: int, sums: RowSums,
 ):
-    k, i = wp.tid()
-    h = first + k
-    if moving[h] == 0:
-        return
-    size = depth.shape[2]
+    """Row i of window h as camera `view` sees it, the pose as it is now in that camera's frame."""
+    size = seen.depth.shape[2]
     height = maps.depth.shape[0]
     width = maps.depth.shape[1]
     half_height = maps.edge_label.shape[0]
     half_width = maps.edge_label.shape[1]
-    R = R_cam_obj[h]
-    t = t_cam_obj[h]
-    t_cast = cast_t[h]
+    t_cast = seen.t_cam_obj[h]
     per_f = wp.vec2(1.0 / camera[0], 1.0 / camera[1])
     per_depth = 1.0 / (gates.depth * gates.depth)
     per_needle = 1.0 / (gates.needle * gates.needle)
     per_contour = 1.0 / (gates.contour * gates.contour)
-    turn = R * wp.transpose(cast_R[h])
-    u_first = origin_uv[h][0]
-    v = origin_uv[h][1] + stride * float(i)
+    turn = R * wp.transpose(seen.R_cam_obj[h])
+    u_first = seen.origin_uv[h][0]
+    v = seen.origin_uv[h][1] + seen.stride * float(i)
+    depth_row = seen.depth[h, i]
+    triangle_row = seen.triangle[h, i]
 
     depth_count = wp.float32(0.0)
     depth_hessian = wp.spatial_matrix()
@@ -132,9 +109,9 @@ def equations_kernel(
     needle_outer = wp.mat33()
     needle_gradient = wp.vec3()
     for j in range(size):
-        face = triangle[h, i, j]
+        face = triangle_row[j]
         if face >= 0:
-            X = point_seen(u_first + stride * float(j), v, depth[h, i, j], camera, per_f, orthographic)
+            X = point_seen(u_first + seen.stride * float(j), v, depth_row[j], camera, per_f, orthographic)
             arm = turn * (X - t_cast)
             X = arm + t
             uv = image_point(X, camera, orthographic)
@@ -172,14 +149,15 @@ def equations_kernel(
     count = wp.float32(0.0)
     hessian = wp.spatial_matrix()
     gradient = wp.spatial_vector()
-    if contour_depth.shape[2] > 0:
+    if seen.contour_depth.shape[2] > 0:
         for side in range(2):
+            columns = seen.contour_column[h, side, i]
             for m in range(size):
-                j = contour_column[h, side, i, m]
+                j = columns[m]
                 if j < 0:
                     break
-                z = contour_depth[h, side, i, j]
-                at = contour_uv[h, side, i, j]
+                z = seen.contour_depth[h, side, i, j]
+                at = seen.contour_uv[h, side, i, j]
                 arm = turn * (point_seen(at[0], at[1], z, camera, per_f, orthographic) - t_cast)
                 X = arm + t
                 uv = image_point(X, camera, orthographic)
@@ -203,6 +181,31 @@ def equations_kernel(
     if count > 0.0:
         sums.contour_hessian[view, h, i] = hessian
         sums.contour_gradient[view, h, i] = gradient
+
+
+@wp.kernel(enable_backward=False)
+def equations_kernel(
+    # In:
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3),
+    moving: wp.array(dtype=int),
+    seen: WindowArrays,
+    normal_obj: wp.array(dtype=wp.vec3),
+    maps: SceneMaps,
+    camera: wp.vec4,
+    orthographic: int,
+    gates: Gates,
+    view: int,
+    first: int,
+    # Out:
+    sums: RowSums,
+):
+    k, i = wp.tid()
+    h = first + k
+    if moving[h] == 1:
+        sum_row(
+            R_cam_obj[h], t_cam_obj[h], seen, normal_obj, maps, camera, orthographic, gates, view, h, i, sums,
+        )
 
 
 def row_sums(views: int, count: int, size: int, device: str):
@@ -240,9 +243,8 @@ def sum_rows(
     wp.launch(
         equations_kernel, dim=(last - first, seen.size),
         inputs=[
-            now.R_cam_obj, now.t_cam_obj, now.moving, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, seen.depth,
-            seen.triangle, seen.contour_uv, seen.contour_depth, seen.contour_column, normal_obj, by.maps,
-            camera_vector(by.camera), int(by.camera.is_orthographic), float(seen.stride), gates, view, first,
+            now.R_cam_obj, now.t_cam_obj, now.moving, seen.arrays, normal_obj, by.maps, camera_vector(by.camera),
+            int(by.camera.is_orthographic), gates, view, first,
         ],
         outputs=[sums], device=seen.device,
     )  # fmt: skip

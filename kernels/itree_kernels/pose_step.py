@@ -9,7 +9,7 @@ import warp as wp
 from itree_kernels.pose_equations import MovedPoses, RowSums
 from itree_kernels.rays import camera_vector, image_point
 from itree_kernels.scene_maps import SeenBy
-from itree_kernels.windows import Windows
+from itree_kernels.windows import WindowArrays, Windows
 
 DAMPING = wp.constant(wp.float64(1e-6))  # of the Hessian's mean diagonal (lengths scaled by the part's size): keeps
 # free directions in place
@@ -115,27 +115,13 @@ def added(H: mat66d, g: vec6d, hessian: wp.spatial_matrix, gradient: wp.spatial_
     return H, g
 
 
-@wp.kernel(enable_backward=False)
-def step_kernel(
-    # In:
-    sums: RowSums,
-    spreads: Spreads,
-    R_view_first: wp.array(dtype=wp.mat33),
-    camera: wp.vec4,
-    orthographic: int,
-    reach: float,
-    rest: float,
-    first: int,
-    # In, out:
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    t_cam_obj: wp.array(dtype=wp.vec3),
+@wp.func
+def move_pose(
+    sums: RowSums, spreads: Spreads, R_view_first: wp.array(dtype=wp.mat33), camera: wp.vec4, orthographic: int,
+    reach: float, rest: float, h: int, R_cam_obj: wp.array(dtype=wp.mat33), t_cam_obj: wp.array(dtype=wp.vec3),
     moving: wp.array(dtype=int),
 ):
-    """Moves the poses that move; one whose rim goes by less than `rest` [px] has come to rest."""
-    k = wp.tid()
-    h = first + k
-    if moving[h] == 0:
-        return
+    """A pose whose rim goes by less than `rest` [px] has come to rest."""
     H = mat66d()
     g = vec6d()
     for view in range(sums.depth_count.shape[0]):
@@ -208,6 +194,56 @@ def step_kernel(
             moving[h] = 0
 
 
+@wp.func
+def follow_pose(
+    R_cam_obj: wp.mat33, t_cam_obj: wp.vec3, R_view_first: wp.mat33, t_view_first: wp.vec3, camera: wp.vec4,
+    orthographic: int, reach: float, farthest: float, h: int, R_view_obj: wp.array(dtype=wp.mat33),
+    t_view_obj: wp.array(dtype=wp.vec3), seen: WindowArrays,
+):
+    """A pose in a camera's frame; where its rim has moved by more than `farthest` [px] since rays were cast, the window
+    follows and is stale.
+    """
+    R = R_view_first * R_cam_obj
+    t = R_view_first * t_cam_obj + t_view_first
+    R_view_obj[h] = R
+    t_view_obj[h] = t
+    chord = wp.trace(wp.identity(n=3, dtype=float) - R * wp.transpose(seen.R_cam_obj[h]))  # 2 - 2 cos of the turn
+    moved = wp.length(t - seen.t_cam_obj[h]) + reach * wp.sqrt(wp.max(chord, 0.0))
+    if farthest < 0.0 or moved > farthest * pixel_pitch(t, camera, orthographic):
+        seen.stale[h] = 1
+        seen.R_cam_obj[h] = R
+        seen.t_cam_obj[h] = t
+        middle = image_point(t, camera, orthographic)
+        half = 0.5 * seen.stride * float(seen.depth.shape[1] - 1)
+        seen.origin_uv[h] = wp.vec2(wp.rint(middle[0] - half), wp.rint(middle[1] - half))
+    else:
+        seen.stale[h] = 0
+
+
+@wp.kernel(enable_backward=False)
+def step_kernel(
+    # In:
+    sums: RowSums,
+    spreads: Spreads,
+    R_view_first: wp.array(dtype=wp.mat33),
+    camera: wp.vec4,
+    orthographic: int,
+    reach: float,
+    rest: float,
+    first: int,
+    # In, out:
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3),
+    moving: wp.array(dtype=int),
+):
+    """Moves the poses that move."""
+    h = first + wp.tid()
+    if moving[h] == 1:
+        move_pose(
+            sums, spreads, R_view_first, camera, orthographic, reach, rest, h, R_cam_obj, t_cam_obj, moving,
+        )
+
+
 @wp.kernel(enable_backward=False)
 def follow_kernel(
     # In:
@@ -218,37 +254,18 @@ def follow_kernel(
     camera: wp.vec4,
     orthographic: int,
     reach: float,
-    stride: float,
-    size: int,
     farthest: float,
     first: int,
     # Out:
     R_view_obj: wp.array(dtype=wp.mat33),
     t_view_obj: wp.array(dtype=wp.vec3),
-    cast_R: wp.array(dtype=wp.mat33),
-    cast_t: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    stale: wp.array(dtype=int),
+    seen: WindowArrays,
 ):
-    """Poses in a camera's frame; where the rim has moved by more than `farthest` [px] since rays were cast, the window
-    follows and is stale.
-    """
     h = first + wp.tid()
-    R = R_view_first * R_cam_obj[h]
-    t = R_view_first * t_cam_obj[h] + t_view_first
-    R_view_obj[h] = R
-    t_view_obj[h] = t
-    chord = wp.trace(wp.identity(n=3, dtype=float) - R * wp.transpose(cast_R[h]))  # 2 - 2 cos of the turn
-    moved = wp.length(t - cast_t[h]) + reach * wp.sqrt(wp.max(chord, 0.0))
-    if farthest < 0.0 or moved > farthest * pixel_pitch(t, camera, orthographic):
-        stale[h] = 1
-        cast_R[h] = R
-        cast_t[h] = t
-        middle = image_point(t, camera, orthographic)
-        half = 0.5 * stride * float(size - 1)
-        origin_uv[h] = wp.vec2(wp.rint(middle[0] - half), wp.rint(middle[1] - half))
-    else:
-        stale[h] = 0
+    follow_pose(
+        R_cam_obj[h], t_cam_obj[h], R_view_first, t_view_first, camera, orthographic, reach, farthest, h, R_view_obj,
+        t_view_obj, seen,
+    )
 
 
 def spreads_of(
@@ -289,11 +306,8 @@ def follow(
         follow_kernel, dim=last - first,
         inputs=[
             pose.R_cam_obj, pose.t_cam_obj, wp.mat33(by.R_camera_first), wp.vec3(by.t_camera_first),
-            camera_vector(by.camera), int(by.camera.is_orthographic), reach, float(seen.stride), seen.size,
+            camera_vector(by.camera), int(by.camera.is_orthographic), reach,
             -1.0 if farthest is None else farthest * seen.stride, first,
         ],
-        outputs=[
-            there.R_cam_obj, there.t_cam_obj, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, seen.stale,
-        ],
-        device=seen.device,
+        outputs=[there.R_cam_obj, there.t_cam_obj, seen.arrays], device=seen.device,
     )  # fmt: skip

@@ -67,42 +67,24 @@ def within(near: wp.vec2, corner: wp.vec3, row: float, per_rise: float, beside: 
     return wp.vec2(greater(near[0], column + beside[0]), lesser(near[1], column + beside[1]))
 
 
-@wp.kernel(enable_backward=False)
-def raster_kernel(
-    # In:
-    vertices: wp.array(dtype=wp.vec3),
-    corners: wp.array(dtype=int),
-    normal_obj: wp.array(dtype=wp.vec3),
-    closed: int,
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    t_cam_obj: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    camera: wp.vec4,
-    orthographic: int,
-    stride: float,
-    first: int,
-    stale: wp.array(dtype=int),
-    # Between:
-    projected: wp.array(dtype=wp.vec3),
-    # Out:
-    depth_out: wp.array3d(dtype=float),
-    triangle_out: wp.array3d(dtype=int),
+@wp.func
+def fill_window(
+    vertices: wp.array(dtype=wp.vec3), corners: wp.array(dtype=int), normal_obj: wp.array(dtype=wp.vec3), closed: int,
+    R: wp.mat33, t: wp.vec3, origin: wp.vec2, camera: wp.vec4, orthographic: int, stride: float,
+    projected: wp.array(dtype=wp.vec3), depth: wp.array2d(dtype=float), triangle: wp.array2d(dtype=int),
 ):
-    h = first + wp.tid()
-    if stale[h] == 0:
-        return
-    height = depth_out.shape[1]
-    width = depth_out.shape[2]
-    R = R_cam_obj[h]
-    t = t_cam_obj[h]
-    origin = origin_uv[h]
+    """z [mm] and triangle of each pixel of a window, 0 and -1 where it shows nothing. `projected`: room for vertices.
+
+    Loops by `while` and rows of their own: `range` and three indices cost more than what is done with a pixel.
+    """
+    height = depth.shape[0]
+    width = depth.shape[1]
     per_stride = 1.0 / stride
     axis_obj = wp.transpose(R) * wp.vec3(0.0, 0.0, 1.0)
     camera_obj = -(wp.transpose(R) * t)
-    # loops by `while` and rows of their own: `range` and three indices cost more than what is done with a pixel
     for i in range(height):
-        depth_row = depth_out[h, i]
-        triangle_row = triangle_out[h, i]
+        depth_row = depth[i]
+        triangle_row = triangle[i]
         j = wp.int32(0)
         while j < width:
             depth_row[j] = 0.0
@@ -145,8 +127,8 @@ def raster_kernel(
                     beside_ca = bounds_beside(per_ca)
                     i = int(top)
                     while i <= bottom:
-                        depth_row = depth_out[h, i]
-                        triangle_row = triangle_out[h, i]
+                        depth_row = depth[i]
+                        triangle_row = triangle[i]
                         # of the row, what lies inside of all three edges: a sliver's box is mostly empty
                         y = float(i)
                         row_ab = ab[0] * (y - a[1])
@@ -176,3 +158,30 @@ def raster_kernel(
                                     triangle_row[j] = face
                             j += 1
                         i += 1
+
+
+@wp.kernel(enable_backward=False)
+def raster_kernel(
+    # In:
+    vertices: wp.array(dtype=wp.vec3),
+    corners: wp.array(dtype=int),
+    normal_obj: wp.array(dtype=wp.vec3),
+    closed: int,
+    R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3),
+    origin_uv: wp.array(dtype=wp.vec2),
+    camera: wp.vec4,
+    orthographic: int,
+    stride: float,
+    first: int,
+    # Between:
+    projected: wp.array(dtype=wp.vec3),
+    # Out:
+    depth_out: wp.array3d(dtype=float),
+    triangle_out: wp.array3d(dtype=int),
+):
+    h = first + wp.tid()
+    fill_window(
+        vertices, corners, normal_obj, closed, R_cam_obj[h], t_cam_obj[h], origin_uv[h], camera, orthographic, stride,
+        projected, depth_out[h], triangle_out[h],
+    )

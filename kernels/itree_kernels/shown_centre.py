@@ -8,34 +8,33 @@ import warp as wp
 
 from itree_kernels.camera import Camera
 from itree_kernels.rays import camera_vector, surface_point
-from itree_kernels.windows import Windows
+from itree_kernels.windows import WindowArrays, Windows
 
 
 @wp.kernel(enable_backward=False)
 def centre_kernel(
     # In:
-    t_cam_obj: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    depth: wp.array3d(dtype=float),
-    triangle: wp.array3d(dtype=int),
+    seen: WindowArrays,
     camera: wp.vec4,
     orthographic: int,
-    stride: float,
     first: int,
     # Out:
     centre: wp.array(dtype=wp.vec3),
 ):
     h = first + wp.tid()
+    t = seen.t_cam_obj[h]
     total = wp.vec3()
     count = wp.float32(0.0)
-    for i in range(depth.shape[1]):
-        for j in range(depth.shape[2]):
-            if triangle[h, i, j] >= 0:
-                u = origin_uv[h][0] + stride * float(j)
-                v = origin_uv[h][1] + stride * float(i)
-                total += surface_point(u, v, depth[h, i, j], camera, orthographic) - t_cam_obj[h]
+    for i in range(seen.depth.shape[1]):
+        depth_row = seen.depth[h, i]
+        triangle_row = seen.triangle[h, i]
+        v = seen.origin_uv[h][1] + seen.stride * float(i)
+        for j in range(seen.depth.shape[2]):
+            if triangle_row[j] >= 0:
+                u = seen.origin_uv[h][0] + seen.stride * float(j)
+                total += surface_point(u, v, depth_row[j], camera, orthographic) - t
                 count += 1.0
-    centre[h] = t_cam_obj[h] + total / wp.max(count, 1.0)
+    centre[h] = t + total / wp.max(count, 1.0)
 
 
 def centres(count: int, device: str) -> wp.array:
@@ -48,8 +47,7 @@ def mean_shown(seen: Windows, camera: Camera, first: int, last: int, centre: wp.
     wp.launch(
         centre_kernel, dim=last - first,
         inputs=[
-            seen.t_cam_obj, seen.origin_uv, seen.depth, seen.triangle, camera_vector(camera),
-            int(camera.is_orthographic), float(seen.stride), first,
+            seen.arrays, camera_vector(camera), int(camera.is_orthographic), first,
         ],
         outputs=[centre], device=seen.device,
     )  # fmt: skip

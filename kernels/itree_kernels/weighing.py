@@ -13,7 +13,7 @@ import warp as wp
 
 from itree_kernels.agreement import edge_distance
 from itree_kernels.scene_maps import SceneMaps, SeenBy
-from itree_kernels.windows import Windows
+from itree_kernels.windows import WindowArrays, Windows
 
 SEEN_THROUGH = wp.constant(0.005)  # share of pixels at which a sensor sees farther than a surface that is there
 OUTLIERS = wp.constant(0.15)  # share of needles and brightnesses that reflected light or a highlight makes anything
@@ -125,16 +125,9 @@ def beside_step(
 @wp.kernel(enable_backward=False)
 def weighing_kernel(
     # In:
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    origin_uv: wp.array(dtype=wp.vec2),
-    depth: wp.array3d(dtype=float),
-    triangle: wp.array3d(dtype=int),
-    contour_uv: wp.array(dtype=wp.vec2, ndim=4),
-    contour_depth: wp.array(dtype=float, ndim=4),
-    contour_column: wp.array(dtype=int, ndim=4),
+    seen: WindowArrays,
     normal_obj: wp.array(dtype=wp.vec3),
     maps: SceneMaps,
-    stride: float,
     errors: Errors,
     first: int,
     # Out:
@@ -146,23 +139,29 @@ def weighing_kernel(
 ):
     k, i = wp.tid()
     h = first + k
-    size = depth.shape[2]
+    size = seen.depth.shape[2]
     height = maps.depth.shape[0]
     width = maps.depth.shape[1]
-    R = R_cam_obj[h]
-    row = int(origin_uv[h][1] + stride * float(i))
+    R = seen.R_cam_obj[h]
+    origin = seen.origin_uv[h]
+    depth_row = seen.depth[h, i]
+    triangle_row = seen.triangle[h, i]
+    pixels_row = pixels[h, i]
+    at_steps_row = at_steps[h, i]
+    hidden_row = hidden[h, i]
+    row = int(origin[1] + seen.stride * float(i))
     shown = wp.float32(0.0)
-    jump = 4.0 * errors.pitch * stride
+    jump = 4.0 * errors.pitch * seen.stride
     for j in range(size):
         ratio = wp.float32(0.0)
         ratio_at_step = wp.float32(0.0)
         behind = wp.bool(False)
-        column = int(origin_uv[h][0] + stride * float(j))
+        column = int(origin[0] + seen.stride * float(j))
         inside = row >= 0 and row < height and column >= 0 and column < width
-        shows = inside and triangle[h, i, j] >= 0
-        at_step = shows and step_beside(depth, h, i, j, jump)
+        shows = inside and triangle_row[j] >= 0
+        at_step = shows and step_beside(seen.depth, h, i, j, jump)
         if shows:
-            normal = R * normal_obj[triangle[h, i, j]]
+            normal = R * normal_obj[triangle_row[j]]
             z = maps.depth[row, column]
             with_needle = maps.needle_weight[row, column] > 0.0
             by_sight = wp.float32(0.0)
@@ -171,13 +170,13 @@ def weighing_kernel(
             elif z == 0.0:
                 by_sight = shading_ratio(maps, row, column, normal)
             if at_step and z > 0.0:
-                ratio_at_step = beside_step(depth, h, i, j, jump, z, errors.depth, errors.reach)
+                ratio_at_step = beside_step(seen.depth, h, i, j, jump, z, errors.depth, errors.reach)
             elif at_step:
                 ratio_at_step = BLIND * wp.log((1.0 - OTHER_SIDE) * wp.exp(by_sight) + OTHER_SIDE)
             elif z > 0.0:
                 moved = BORDER * errors.pitch / wp.clamp(wp.abs(normal[2]), STEEPEST, 1.0)
                 std = wp.sqrt(errors.depth * errors.depth + moved * moved)
-                gap = z - depth[h, i, j]
+                gap = z - depth_row[j]
                 ratio = depth_ratio(gap, std, errors.reach)
                 if wp.abs(gap) < NEAR * std:
                     ratio += by_sight
@@ -186,19 +185,19 @@ def weighing_kernel(
                 ratio = BLIND * by_sight
             if ratio > 0.0 and brightest(maps, row, column) > LIT_SHADING:
                 shown += 1.0
-        pixels[h, i, j] = ratio
-        at_steps[h, i, j] = ratio_at_step
-        hidden[h, i, j] = behind
+        pixels_row[j] = ratio
+        at_steps_row[j] = ratio_at_step
+        hidden_row[j] = behind
     lit[h, i] = shown
 
     total = wp.float32(0.0)
-    if contour_depth.shape[2] > 0 and errors.edge > 0.0:
+    if seen.contour_depth.shape[2] > 0 and errors.edge > 0.0:
         for side in range(2):
             for m in range(size):
-                j = contour_column[h, side, i, m]
+                j = seen.contour_column[h, side, i, m]
                 if j < 0:
                     break
-                total += edge_ratio(edge_distance(maps, contour_uv[h, side, i, j]), errors.edge)
+                total += edge_ratio(edge_distance(maps, seen.contour_uv[h, side, i, j]), errors.edge)
     contour[h, i] = 0.5 * total  # contour points are counted along rows and along columns
 
 
@@ -237,9 +236,7 @@ def weigh_rows(
     wp.launch(
         weighing_kernel, dim=(last - first, seen.size),
         inputs=[
-            seen.R_cam_obj, seen.origin_uv, seen.depth, seen.triangle, seen.contour_uv, seen.contour_depth,
-            seen.contour_column, normal_obj,
-            by.maps, float(seen.stride), errors, first,
+            seen.arrays, normal_obj, by.maps, errors, first,
         ],
         outputs=[weighed.pixels, weighed.at_steps, weighed.hidden, weighed.lit, weighed.contour], device=seen.device,
     )  # fmt: skip

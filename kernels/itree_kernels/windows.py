@@ -5,6 +5,8 @@
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,7 +14,7 @@ from jaxtyping import Float
 
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
-from itree_kernels.raster import fills, raster_kernel, room_for_vertices
+from itree_kernels.raster import fill_window, fills, room_for_vertices
 from itree_kernels.rays import camera_vector, ray_direction, ray_origin, surface_point
 from itree_kernels.rim import ENDS, GOES_ON, rim_between
 from itree_kernels.threads import launch_in_chunks
@@ -21,6 +23,42 @@ from itree_kernels.warp_start import load_kernel
 CONTOUR_ERROR = 0.5  # [px] rays find a contour point to about this, or to 1/4 of the stride if that is less
 HALFWAY = wp.constant(0)  # bisections: a contour is taken to lie in the middle, off by half a stride at most
 BESIDE_RIM = wp.constant(0.1)  # of the way from a rim to the pixel beyond it: where what lies behind is asked for
+
+
+@wp.struct
+class WindowArrays:
+    """What `Windows` holds, as kernels take it."""
+
+    R_cam_obj: wp.array(dtype=wp.mat33)
+    t_cam_obj: wp.array(dtype=wp.vec3)
+    origin_uv: wp.array(dtype=wp.vec2)
+    stale: wp.array(dtype=int)
+    depth: wp.array3d(dtype=float)
+    triangle: wp.array3d(dtype=int)
+    contour_uv: wp.array(dtype=wp.vec2, ndim=4)
+    contour_depth: wp.array(dtype=float, ndim=4)
+    contour_column: wp.array(dtype=int, ndim=4)
+    stride: float
+
+
+@wp.struct
+class Casting:
+    """The part, the camera, and what counts as a contour, as kernels take them (see `Rays`)."""
+
+    mesh: wp.uint64
+    vertices: wp.array(dtype=wp.vec3)
+    corners: wp.array(dtype=int)
+    normals_obj: wp.array(dtype=wp.vec3)
+    across_edge: wp.array(dtype=int)
+    closed: int
+    camera: wp.vec4
+    orthographic: int
+    near: float  # [mm] that rays start before the part's origin
+    jump: float  # [mm]
+    bisections: int
+    crease: float  # cosine
+    fills: int  # 1: triangle by triangle, 0: by rays
+    contours: int  # 1: they are looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +89,19 @@ class Windows:
     @property
     def with_contours(self) -> bool:
         return self.contour_depth.shape[2] > 0
+
+    def clear_contours(self) -> None:
+        """Zeros where there will be none, for who reads all of the arrays and not the columns alone."""
+        self.contour_uv.zero_()
+        self.contour_depth.zero_()
+
+    @cached_property
+    def arrays(self) -> Any:
+        """All of them, as kernels take them."""
+        arrays = WindowArrays()
+        for name in WindowArrays.vars:
+            setattr(arrays, name, float(self.stride) if name == "stride" else getattr(self, name))
+        return arrays
 
 
 def windows(
@@ -93,32 +144,15 @@ def cast(mesh: wp.uint64, R: wp.mat33, t: wp.vec3, u: float, v: float, camera: w
     return -1, 0.0
 
 
-@wp.kernel(enable_backward=False)
-def window_kernel(
-    # In:
-    mesh: wp.uint64,
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    t_cam_obj: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    camera: wp.vec4,
-    orthographic: int,
-    near: float,
-    stride: float,
-    first: int,
-    stale: wp.array(dtype=int),
-    # Out:
-    depth_out: wp.array3d(dtype=float),
-    triangle_out: wp.array3d(dtype=int),
-):
-    k, i, j = wp.tid()
-    h = first + k
-    if stale[h] == 0:
-        return
-    u = origin_uv[h][0] + stride * float(j)
-    v = origin_uv[h][1] + stride * float(i)
-    triangle, z = cast(mesh, R_cam_obj[h], t_cam_obj[h], u, v, camera, orthographic, near)
-    depth_out[h, i, j] = z
-    triangle_out[h, i, j] = triangle
+@wp.func
+def cast_pixel(rays: Casting, seen: WindowArrays, h: int, i: int, j: int):
+    u = seen.origin_uv[h][0] + seen.stride * float(j)
+    v = seen.origin_uv[h][1] + seen.stride * float(i)
+    triangle, z = cast(
+        rays.mesh, seen.R_cam_obj[h], seen.t_cam_obj[h], u, v, rays.camera, rays.orthographic, rays.near
+    )
+    seen.depth[h, i, j] = z
+    seen.triangle[h, i, j] = triangle
 
 
 @wp.func
@@ -200,87 +234,134 @@ def step_between(
     return 0.5 * (inside + outside), wp.where(flat, 0.0, z_near)
 
 
-@wp.kernel(enable_backward=False)
-def contour_kernel(
-    # In:
-    mesh: wp.uint64,
-    R_cam_obj: wp.array(dtype=wp.mat33),
-    t_cam_obj: wp.array(dtype=wp.vec3),
-    origin_uv: wp.array(dtype=wp.vec2),
-    camera: wp.vec4,
-    orthographic: int,
-    near: float,
-    stride: float,
-    jump: float,
-    bisections: int,
-    crease: float,
-    first: int,
-    stale: wp.array(dtype=int),
-    depth: wp.array3d(dtype=float),
-    triangle: wp.array3d(dtype=int),
-    normal_obj: wp.array(dtype=wp.vec3),
-    vertices: wp.array(dtype=wp.vec3),
-    corners: wp.array(dtype=int),
-    across_edge: wp.array(dtype=int),
-    # Out:
-    contour_uv_out: wp.array(dtype=wp.vec2, ndim=4),
-    contour_depth_out: wp.array(dtype=float, ndim=4),
-    contour_column_out: wp.array(dtype=int, ndim=4),
-):
-    """A row of a window: the contours between its pixels and their right and lower neighbours."""
-    k, i = wp.tid()
-    h = first + k
-    if stale[h] == 0:
-        return
-    s = depth.shape[1]
-    R = R_cam_obj[h]
-    t = t_cam_obj[h]
+@wp.func
+def look_for_contours(rays: Casting, seen: WindowArrays, h: int, i: int):
+    """In a row of a window: between its pixels and their right and lower neighbours."""
+    s = seen.depth.shape[1]
+    R = seen.R_cam_obj[h]
+    t = seen.t_cam_obj[h]
+    origin = seen.origin_uv[h]
+    triangle_row = seen.triangle[h, i]
+    depth_row = seen.depth[h, i]
     for side in range(2):
         i2 = i + side
         count = wp.int32(0)
-        for j in range(s):
-            j2 = j + 1 - side
-            if i2 < s and j2 < s:
-                a = triangle[h, i, j]
-                b = triangle[h, i2, j2]
+        uv_out = seen.contour_uv[h, side, i]
+        depth_out = seen.contour_depth[h, side, i]
+        column_out = seen.contour_column[h, side, i]
+        if i2 < s:
+            other_triangle_row = seen.triangle[h, i2]
+            other_depth_row = seen.depth[h, i2]
+            j = wp.int32(0)
+            while j + 1 - side < s:
+                j2 = j + 1 - side
+                a = triangle_row[j]
+                b = other_triangle_row[j2]
                 if a != b:
-                    za = depth[h, i, j]
-                    zb = depth[h, i2, j2]
-                    ua = origin_uv[h] + stride * wp.vec2(float(j), float(i))
-                    ub = origin_uv[h] + stride * wp.vec2(float(j2), float(i2))
+                    za = depth_row[j]
+                    zb = other_depth_row[j2]
+                    ua = origin + seen.stride * wp.vec2(float(j), float(i))
+                    ub = origin + seen.stride * wp.vec2(float(j2), float(i2))
                     both = a >= 0 and b >= 0
                     near_is_a = a >= 0
                     smooth = wp.bool(False)
                     if both:
                         near_is_a = za <= zb
-                        smooth = wp.abs(za - zb) < jump
+                        smooth = wp.abs(za - zb) < rays.jump
                         if not smooth:
                             # a contour where the farther point lies behind the tangent plane of the nearer one, not
                             # where depth differs
-                            n = R * normal_obj[wp.where(near_is_a, a, b)]
-                            pa = surface_point(ua[0], ua[1], za, camera, orthographic)
-                            pb = surface_point(ub[0], ub[1], zb, camera, orthographic)
+                            n = R * rays.normals_obj[wp.where(near_is_a, a, b)]
+                            pa = surface_point(ua[0], ua[1], za, rays.camera, rays.orthographic)
+                            pb = surface_point(ub[0], ub[1], zb, rays.camera, rays.orthographic)
                             gap = wp.dot(n, pb - pa)
-                            smooth = wp.where(near_is_a, gap, -gap) > -jump
+                            smooth = wp.where(near_is_a, gap, -gap) > -rays.jump
                     uv = wp.vec2(0.0, 0.0)
                     z = wp.float32(0.0)
                     if not smooth:
                         uv, z = step_between(
-                            mesh, R, t, camera, orthographic, near, jump, bisections, near_is_a, both, za, zb, ua, ub,
-                            a, b, vertices, corners, across_edge, normal_obj,
+                            rays.mesh, R, t, rays.camera, rays.orthographic, rays.near, rays.jump, rays.bisections,
+                            near_is_a, both, za, zb, ua, ub, a, b, rays.vertices, rays.corners, rays.across_edge,
+                            rays.normals_obj,
                         )
-                    elif wp.dot(normal_obj[a], normal_obj[b]) < crease:
+                    elif wp.dot(rays.normals_obj[a], rays.normals_obj[b]) < rays.crease:
                         # one surface that turns: its crease is where the normal changes sides
                         uv, z = crease_between(
-                            mesh, R, t, camera, orthographic, near, jump, bisections, crease, normal_obj, a, b, za, zb,
-                            ua, ub,
+                            rays.mesh, R, t, rays.camera, rays.orthographic, rays.near, rays.jump, rays.bisections,
+                            rays.crease, rays.normals_obj, a, b, za, zb, ua, ub,
                         )
                     if z > 0.0:
-                        contour_uv_out[h, side, i, j] = uv
-                        contour_depth_out[h, side, i, j] = z
-                        contour_column_out[h, side, i, count] = j
+                        uv_out[j] = uv
+                        depth_out[j] = z
+                        column_out[count] = j
                         count += 1
-        contour_column_out[h, side, i, count] = -1
+                j += 1
+        column_out[count] = -1
+
+
+@wp.func
+def cast_window(rays: Casting, seen: WindowArrays, projected: wp.array(dtype=wp.vec3), h: int):
+    """All of a window by one thread. `projected`: room for the vertices that are filled between."""
+    s = seen.depth.shape[1]
+    if rays.fills == 1:
+        fill_window(
+            rays.vertices, rays.corners, rays.normals_obj, rays.closed, seen.R_cam_obj[h], seen.t_cam_obj[h],
+            seen.origin_uv[h], rays.camera, rays.orthographic, seen.stride, projected, seen.depth[h],
+            seen.triangle[h],
+        )
+    else:
+        for i in range(s):
+            for j in range(s):
+                cast_pixel(rays, seen, h, i, j)
+    if rays.contours == 1:
+        for i in range(s):
+            look_for_contours(rays, seen, h, i)
+
+
+@wp.kernel(enable_backward=False)
+def window_kernel(
+    # In:
+    rays: Casting,
+    first: int,
+    # Out:
+    seen: WindowArrays,
+):
+    """Pixel by pixel, for a GPU."""
+    k, i, j = wp.tid()
+    h = first + k
+    if seen.stale[h] == 1:
+        cast_pixel(rays, seen, h, i, j)
+
+
+@wp.kernel(enable_backward=False)
+def contour_kernel(
+    # In:
+    rays: Casting,
+    first: int,
+    # Out:
+    seen: WindowArrays,
+):
+    """Row by row, for a GPU."""
+    k, i = wp.tid()
+    h = first + k
+    if seen.stale[h] == 1:
+        look_for_contours(rays, seen, h, i)
+
+
+@wp.kernel(enable_backward=False)
+def cast_kernel(
+    # In:
+    rays: Casting,
+    first: int,
+    # Between:
+    projected: wp.array(dtype=wp.vec3),
+    # Out:
+    seen: WindowArrays,
+):
+    """Window by window, for a CPU."""
+    h = first + wp.tid()
+    if seen.stale[h] == 1:
+        cast_window(rays, seen, projected, h)
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,44 +377,38 @@ class Rays:
 
     def load(self) -> None:
         """Compiles the kernels, so that threads may launch them together."""
-        load_kernel(window_kernel, self.mesh.device)
-        load_kernel(raster_kernel, self.mesh.device)
+        load_kernel(cast_kernel, self.mesh.device)
 
-    def cast(self, seen: Windows, first: int, last: int) -> None:
-        """Casts the stale ones of the windows first .. last - 1."""
-        size, many = seen.size, last - first
-        common = [
-            self.mesh.warp_mesh.id, seen.R_cam_obj, seen.t_cam_obj, seen.origin_uv, camera_vector(self.camera),
-            int(self.camera.is_orthographic), 2.0 * self.reach, float(seen.stride),
-        ]
-        if fills(self.mesh, size**2):
-            wp.launch(
-                raster_kernel, dim=many,
-                inputs=[
-                    self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices, self.mesh.normals_obj,
-                    int(self.mesh.is_closed), *common[1:6], float(seen.stride), first, seen.stale,
-                    room_for_vertices(self.mesh),
-                ],
-                outputs=[seen.depth, seen.triangle], device=seen.device,
-            )  # fmt: skip
-        else:
-            wp.launch(window_kernel, dim=(many, size, size), inputs=[*common, first, seen.stale],
-                      outputs=[seen.depth, seen.triangle], device=seen.device)
-        if self.jump is None or not seen.with_contours:
-            return
+    def into(self, seen: Windows) -> Any:
+        """As kernels take them, for these windows."""
+        mesh, rays = self.mesh, Casting()
+        rays.mesh, rays.vertices, rays.corners = mesh.warp_mesh.id, mesh.warp_mesh.points, mesh.warp_mesh.indices
+        rays.normals_obj, rays.across_edge, rays.closed = mesh.normals_obj, mesh.across_edge, int(mesh.is_closed)
+        rays.camera, rays.orthographic = camera_vector(self.camera), int(self.camera.is_orthographic)
+        rays.near, rays.fills = 2.0 * self.reach, int(fills(mesh, seen.size**2))
+        rays.contours = int(self.jump is not None and seen.with_contours)
+        rays.jump = 0.0 if self.jump is None else float(self.jump)
         # half of the last interval is the error: the middle is taken
-        bisections = HALFWAY if self.halfway else max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
-        sharpest = -2.0 if self.crease is None else float(np.cos(self.crease))
-        wp.launch(
-            contour_kernel, dim=(many, size),
-            inputs=[*common, float(self.jump), bisections, sharpest, first, seen.stale, seen.depth, seen.triangle,
-                    self.mesh.normals_obj, self.mesh.warp_mesh.points, self.mesh.warp_mesh.indices,
-                    self.mesh.across_edge],
-            outputs=[seen.contour_uv, seen.contour_depth, seen.contour_column], device=seen.device,
-        )
+        halvings = max(2, int(np.ceil(np.log2(seen.stride / (2.0 * CONTOUR_ERROR)))))
+        rays.bisections = HALFWAY if self.halfway else halvings
+        rays.crease = -2.0 if self.crease is None else float(np.cos(self.crease))
+        return rays
+
+    def cast(self, seen: Windows, first: int, last: int, rays: Any = None) -> None:
+        """Casts the stale ones of the windows first .. last - 1. `rays`: what `into` says of them, if it is known."""
+        rays = self.into(seen) if rays is None else rays
+        some, device = last - first, seen.device
+        if device == "cpu":
+            room = room_for_vertices(self.mesh)
+            wp.launch(cast_kernel, dim=some, inputs=[rays, first, room], outputs=[seen.arrays], device=device)
+            return
+        size = (seen.size, seen.size)
+        wp.launch(window_kernel, dim=(some, *size), inputs=[rays, first], outputs=[seen.arrays], device=device)
+        if rays.contours:
+            wp.launch(contour_kernel, dim=(some, seen.size), inputs=[rays, first], outputs=[seen.arrays], device=device)
 
     def cast_all(self, seen: Windows) -> None:
         """Casts every stale window, on all cores."""
         self.load()
-        rays = (3 if self.jump is not None else 1) * seen.size**2
-        launch_in_chunks(lambda a, b: self.cast(seen, a, b), seen.count, rays_each=rays, device=seen.device)
+        work, rays = (3 if self.jump is not None else 1) * seen.size**2, self.into(seen)
+        launch_in_chunks(lambda a, b: self.cast(seen, a, b, rays), seen.count, rays_each=work, device=seen.device)

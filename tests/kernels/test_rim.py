@@ -70,6 +70,7 @@ def test_halfway_contours_are_where_pixels_part_and_off_by_half_a_stride_at_most
     reach = float(np.linalg.norm(mesh.vertices, axis=1).max())
     walked, halfway = (windows(R, t, origin, SIZE, STRIDE, "cpu") for _ in range(2))
     for seen, guessed in ((walked, False), (halfway, True)):
+        seen.clear_contours()
         Rays(mesh, camera, reach, 1.0, None, guessed).cast_all(seen)
     z_walked, z_halfway = walked.contour_depth.numpy(), halfway.contour_depth.numpy()
     both = (z_walked > 0) & (z_halfway > 0)

@@ -48,7 +48,7 @@ def test_the_last_stage_by_contours_stays_where_needles_and_depth_lead_astray(se
     assert rim_errors(found) < 0.05 * PART.diameter
     both = Hypotheses(*(np.concatenate(pair) for pair in zip(found, usual, strict=True)))
     weighed = support(both, MODEL, sight.observed, CAMERA, plan.errors, plan.jump, sight.others, crease=sight.crease)
-    pixels = weighed.pixels.sum(axis=(1, 2), dtype=float)
+    pixels = np.sum(weighed.pixels, axis=(1, 2), dtype=float)
     nats = weighed.weight * pixels + weighed.beside
     assert pixels[0] < pixels[1]  # pixel by pixel what leads astray is believed
     assert nats[0] > nats[1]

@@ -39,7 +39,7 @@ def test_poses_arrive_wherever_they_come_from(seen):
 
     def nats(poses: Hypotheses) -> np.ndarray:
         weighed = support(poses, *where, plan.errors, plan.jump, seen.others, crease=seen.crease)
-        return weighed.weight * weighed.pixels.sum(axis=(1, 2), dtype=float) + weighed.beside
+        return weighed.weight * np.sum(weighed.pixels, axis=(1, 2), dtype=float) + weighed.beside
 
     once = polished(start)
     assert rim_errors(start).min() > 0.5 * ASIDE
