@@ -163,7 +163,8 @@ def _refine_stage(
     rays[0].load()
 
     if in_one_launch(views, device):
-        load_kernel(descent_kernel, device)
+        kernel: Any = descent_kernel
+        load_kernel(kernel, device)
         steps = gates_on_device(gates, rest, device)
 
         def descend_some(first: int, last: int) -> None:
@@ -198,7 +199,7 @@ def gates_of_steps(stage: Stage, grazing: float) -> tuple[list[Any], list[float]
     gates = [[ramp(gate, k, stage.steps) for gate in ends] for k in range(stage.steps)]
     at_last = [float(last) for _, last in ends]
     rest = [REST if gate == at_last else 0.0 for gate in gates]
-    return [gates_of(*gate, grazing) for gate in gates], rest
+    return [gates_of(depth, needle, contour, grazing) for depth, needle, contour in gates], rest
 
 
 def poses_on_device(R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"], device: str) -> MovedPoses:
