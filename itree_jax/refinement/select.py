@@ -59,21 +59,11 @@ class Judged:
         return one.ratios[other]
 
     def explains(self, h: int, image_shape: tuple[int, int]) -> Explained:
-        """The image pixels that a hypothesis explains."""
+        """What a hypothesis explains of the image."""
         found = self.totals.found[h]
         if found.explains is None:
-            nats = self.support.pixels[h][_window(self, h)]
-            mask = nats > 0
-            speaking = nats[mask].astype(np.float32)
-            found.explains = Explained(_places(self, h, mask, image_shape), speaking, max(float(speaking.sum()), 1e-9))
+            found.explains = _explained(self.support, h, self.totals.box[h].tolist(), image_shape)
         return found.explains
-
-    def hidden(self, h: int, image_shape: tuple[int, int]) -> Int[np.ndarray, "pixels"]:
-        """The image pixels, as places of the flat image, where something nearer hides a hypothesis."""
-        found = self.totals.found[h]
-        if found.hidden is None:
-            found.hidden = _places(self, h, self.support.hidden[h][_window(self, h)], image_shape)
-        return found.hidden
 
     def take(self, index: Int[np.ndarray, "kept"]) -> "Judged":
         """Of some hypotheses; who is near whom as before."""
@@ -146,11 +136,12 @@ def select_jointly(
                 out[part, h] = "the surface goes on across the pose's contour"
             elif scores[part][h] < HOPELESS:
                 out[part, h] = "the rendered pose contradicts the scene"
+    near = [[set(np.flatnonzero(row).tolist()) for row in one.near] for one in judged]
     for _ in range(ROUNDS):
-        accepted, reasons, owner = _greedy(judged, likelihood, image_shape, share_space, out)
+        accepted, reasons, owner = _greedy(judged, likelihood, near, image_shape, share_space, out)
         rivals = {key: _rivals(key, accepted, judged, share_space, out) for key in accepted}
         final = {
-            key: _in_company(key, number, judged, alone, owner, image_shape, rivals[key][1])
+            key: _in_company(key, number, judged, alone, owner, rivals[key][1])
             for number, key in enumerate(accepted)
         }
         for (part, h), measured in final.items():
@@ -182,11 +173,14 @@ def _selection(
 
 
 def _greedy(
-    judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]], image_shape: tuple[int, int],
-    share_space: Callable[[Key, Key], bool], out: dict[Key, str],
-) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "pixels"]]:
-    """The accepted hypotheses, why others are not, and whose each pixel of the flat image is (-1 nobody's)."""
-    owner = np.full(image_shape[0] * image_shape[1], -1, np.int32)
+    judged: Sequence[Judged], likelihood: Sequence[Float[np.ndarray, "hypotheses"]],
+    near: Sequence[Sequence[set[int]]], image_shape: tuple[int, int], share_space: Callable[[Key, Key], bool],
+    out: dict[Key, str],
+) -> tuple[list[Key], dict[Key, str], Int[np.ndarray, "height width"]]:
+    """The accepted hypotheses, why others are not, and whose each pixel is (-1 nobody's). `near`: of every part and
+    hypothesis, those of the same place.
+    """
+    owner, free = np.full(image_shape, -1, np.int32), np.ones(image_shape, np.float32)
     accepted: list[Key] = []
     reasons: dict[Key, str] = {}
     weighed = sorted(
@@ -194,17 +188,17 @@ def _greedy(
         if (part, h) not in out
     )
     waiting = [(part, h) for _, part, h in weighed]
-    near = [[set(np.flatnonzero(row).tolist()) for row in one.near] for one in judged]
     while waiting:
         key = _best_of_place(waiting, near, judged)
         waiting.remove(key)
         explained = judged[key[0]].explains(key[1], image_shape)
-        if explained.nats[owner[explained.places] < 0].sum() < LEAST_OWN_SHARE * explained.whole:
+        own = np.einsum("rc,rc->", explained.nats, free[explained.rows, explained.columns])
+        if own < LEAST_OWN_SHARE * explained.whole:
             reasons[key] = EXPLAINED
         elif any(share_space(key, other) for other in accepted):
             reasons[key] = "it would share space with a better pose"
         else:
-            _take(owner, explained.places, judged[key[0]].support.stride, image_shape, len(accepted))
+            _take(owner, free, explained, len(accepted))
             accepted.append(key)
     return accepted, reasons, owner
 
@@ -234,12 +228,24 @@ def likelihood_ratio(support: Support, a: int, b: int, known: Totals | None = No
     moved = box_b[0] + down, box_b[1] + down, box_b[2] + right, box_b[3] + right
     top, left = min(box_a[0], moved[0]), min(box_a[2], moved[2])
     differ = np.zeros((max(box_a[1], moved[1]) - top, max(box_a[3], moved[3]) - left), np.float32)
-    for h, sign, here, there in ((a, 1.0, box_a, box_a), (b, -1.0, box_b, moved)):
-        window = slice(here[0], here[1]), slice(here[2], here[3])
-        place = slice(there[0] - top, there[1] - top), slice(there[2] - left, there[3] - left)
-        differ[place] += np.float32(sign) * (support.pixels[h][window] + support.at_steps[h][window])
+    differ[box_a[0] - top : box_a[1] - top, box_a[2] - left : box_a[3] - left] = _told(support, a, box_a, known)
+    differ[moved[0] - top : moved[1] - top, moved[2] - left : moved[3] - left] -= _told(support, b, box_b, known)
     beside = float(support.beside[a] - support.beside[b])
     return (support.weight * float(differ[np.abs(differ) > CLEAR].sum()) + beside) * support.stride**2
+
+
+def _told(
+    support: Support, h: int, place: Sequence[int], known: Totals | None
+) -> Float[np.ndarray, "rows columns"]:
+    """What is said of the pixels of a hypothesis within a place of its window, those at its steps too [nats]."""
+    found = None if known is None else known.found[h]
+    if found is not None and found.told is not None:
+        return found.told
+    window = slice(place[0], place[1]), slice(place[2], place[3])
+    told = support.pixels[h][window] + support.at_steps[h][window]
+    if found is not None:
+        found.told = told
+    return told
 
 
 def measures_alone(one: Judged) -> Measures:
@@ -262,20 +268,21 @@ def measures_alone(one: Judged) -> Measures:
 
 
 def _in_company(
-    key: Key, number: int, judged: Sequence[Judged], alone: Sequence[Measures], owner: Int[np.ndarray, "pixels"],
-    image_shape: tuple[int, int], margins: Float[np.ndarray, "others"],
+    key: Key, number: int, judged: Sequence[Judged], alone: Sequence[Measures], owner: Int[np.ndarray, "height width"],
+    margins: Float[np.ndarray, "others"],
 ) -> Measures:
     """The measures of an accepted pose beside the others: what hides it is known then, and so are its rivals. `number`:
     its own in `owner`.
     """
     part, h = key
     measured = Measures(*(np.asarray(values)[h] for values in alone[part]))
-    explained = judged[part].explains(h, image_shape)
-    covered = owner[judged[part].hidden(h, image_shape)]
+    explained = judged[part].explains(h, owner.shape)
+    here = owner[explained.rows, explained.columns]
+    covered = here[explained.hidden]
     by_nobody = int(((covered < 0) | (covered == number)).sum())
     return measured._replace(
-        hidden=np.float64(by_nobody / (len(explained.places) + by_nobody + 1e-9)),
-        own=np.float64(explained.nats[owner[explained.places] == number].sum() / explained.whole),
+        hidden=np.float64(by_nobody / (explained.pixels + by_nobody + 1e-9)),
+        own=np.float64(explained.nats[here == number].sum() / explained.whole),
         margin=np.float64(margins.min(initial=np.inf)),
     )
 
@@ -287,38 +294,43 @@ def _rivals(
     """Of an accepted pose: other poses of its place, possible in themselves, that no other answer excludes."""
     part, h = key
     others = [other for other in accepted if other != key]
-    margins = {int(k): judged[part].ratio(h, int(k)) for k in np.flatnonzero(judged[part].near[h])}
+    possible = (k for k in np.flatnonzero(judged[part].near[h]).tolist() if (part, k) not in out)
+    margins = {k: judged[part].ratio(h, k) for k in possible}
     found = {
         k: margin for k, margin in margins.items()
-        if margin < NO_RIVAL and (part, k) not in out and not any(share_space((part, k), other) for other in others)
+        if margin < NO_RIVAL and not any(share_space((part, k), other) for other in others)
     }  # fmt: skip
     return np.array(list(found), int), np.array(list(found.values()), float)
 
 
-def _window(one: Judged, h: int) -> tuple[slice, slice]:
-    """What isn't empty of a hypothesis's window."""
-    top, bottom, left, right = one.totals.box[h].tolist()
-    return slice(top, bottom), slice(left, right)
+def _explained(support: Support, h: int, place: Sequence[int], image_shape: tuple[int, int]) -> Explained:
+    """As `Judged.explains`, from the place of what isn't empty of the window."""
+    stride, (u0, v0) = support.stride, support.origin_uv[h].astype(int).tolist()
+    top, bottom = _in_image(v0, place[0], place[1], stride, image_shape[0])
+    left, right = _in_image(u0, place[2], place[3], stride, image_shape[1])
+    window = slice(top, bottom), slice(left, right)
+    nats = np.maximum(support.pixels[h][window], 0.0).astype(np.float32)
+    return Explained(
+        slice(v0 + stride * top, v0 + stride * bottom, stride), slice(u0 + stride * left, u0 + stride * right, stride),
+        nats, support.hidden[h][window], int(np.count_nonzero(nats)), max(float(nats.sum()), 1e-9),
+    )
 
 
-def _places(
-    one: Judged, h: int, mask: Bool[np.ndarray, "r c"], image_shape: tuple[int, int]
-) -> Int[np.ndarray, "pixels"]:
-    """Places in the flat image of pixels of what isn't empty of the window; those beyond the rim are on it."""
-    i, j = np.nonzero(mask)
-    (u0, v0), stride, (top, _, left, _) = one.support.origin_uv[h].astype(int), one.support.stride, one.totals.box[h]
-    rows = np.clip(v0 + stride * (top + i), 0, image_shape[0] - 1)
-    return rows * image_shape[1] + np.clip(u0 + stride * (left + j), 0, image_shape[1] - 1)
+def _in_image(origin: int, first: int, end: int, stride: int, size: int) -> tuple[int, int]:
+    """Those of the window pixels first .. end - 1 along an axis that lie in the image."""
+    first = max(first, -(origin // stride))
+    return first, max(first, min(end, -((origin - size) // stride)))
 
 
 def _take(
-    owner: Int[np.ndarray, "pixels"], places: Int[np.ndarray, "explained"], stride: int, image_shape: tuple[int, int],
-    number: int,
+    owner: Int[np.ndarray, "height width"], free: Float[np.ndarray, "height width"], explained: Explained, number: int
 ) -> None:
-    """A window pixel stands for a square of the image; what is owned stays."""
-    height, width = image_shape
-    rows, columns = np.divmod(places, width)
-    for i in range(stride):
-        for j in range(stride):
-            square = np.minimum(rows + i, height - 1) * width + np.minimum(columns + j, width - 1)
-            owner[square[owner[square] < 0]] = number
+    """A window pixel stands for a square of the image; what is owned stays. `free`: 1 where nobody owns a pixel."""
+    rows, columns, mine = explained.rows, explained.columns, explained.nats > 0.0
+    for i in range(rows.step):
+        for j in range(columns.step):
+            here = slice(rows.start + i, None, rows.step), slice(columns.start + j, None, columns.step)
+            owners = owner[here][: len(mine), : mine.shape[1]]
+            new = (owners < 0) & mine[: len(owners), : owners.shape[1]]
+            owners[new] = number
+            free[here][: len(mine), : mine.shape[1]][new] = 0.0

@@ -4,17 +4,20 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 
 from itree_jax.refinement.likelihood import Support
 
 
 class Explained(NamedTuple):
-    """What a hypothesis explains."""
+    """What a hypothesis explains: of its window what isn't empty and lies in the image."""
 
-    places: Int[np.ndarray, "pixels"]  # of the flat image
-    nats: Float[np.ndarray, "pixels"]  # how well
-    whole: float  # the sum of these
+    rows: slice  # of the image, every so many
+    columns: slice
+    nats: Float[np.ndarray, "rows columns"]  # how well; 0: not at all
+    hidden: Bool[np.ndarray, "rows columns"]  # by something nearer
+    pixels: int  # that are explained
+    whole: float  # the sum of their nats
 
 
 @dataclass(eq=False)
@@ -24,7 +27,7 @@ class Found:
     ratios: dict["Found", float] = field(default_factory=dict)  # log-likelihood ratio to another one [nats]
     shares_space: dict["Found", bool] = field(default_factory=dict)  # with another one
     explains: Explained | None = None
-    hidden: Int[np.ndarray, "pixels"] | None = None  # places of the flat image where something nearer hides it
+    told: Float[np.ndarray, "rows columns"] | None = None  # what isn't empty of its window, with pixels at steps [nats]
 
     def keeps(self, other: "Found") -> bool:
         """Which of two keeps what was found of both: none keep each other, so that they go with their scene."""
