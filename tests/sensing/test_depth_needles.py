@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from itree_kernels.camera import Camera
 
-from itree_jax.sensing.curving import added_by_third_order
 from itree_jax.sensing.depth_needles import RADIUS, depth_needles
-from itree_jax.sensing.window_fits import window_fits
+
+from .curving_twin import added_by_third_order
+from .depth_needles_twin import depth_needles_twin
+from .window_fits_twin import window_fits
 
 FAR = 900.0  # [mm]
 PINHOLE = Camera("pinhole", 1815.0, 1815.0, 39.5, 29.5, 80, 60)
@@ -175,3 +177,26 @@ def test_the_third_order_of_a_sphere(slope):
         np.array([[f_xx, 0.0, f_yy]]), np.ones(1), np.zeros((1, 2)),
     )
     np.testing.assert_allclose(found, [[f_xxx * m4 / (6 * m2) + f_xyy * m2 / 2, 0.0]], rtol=0.1, atol=1e-12)
+
+
+def creased_and_round(camera: Camera) -> np.ndarray:
+    """Two planes that meet in a crease, a cylinder before them, a step, and holes."""
+    z = np.minimum(plane(camera, tilted(0.7, 0.3)), plane(camera, tilted(0.6, 2.9)))
+    nearer, _ = cylinder(camera, 4.0, np.array([0.3, 1.0, 0.1]))
+    z = np.where(nearer > 0.0, nearer - 6.0, z)
+    z[:, :11] += 30.0
+    z[20:23, 50:53] = z[40:48, 60:75] = 0.0
+    return noisy(z, 0.2, 5)
+
+
+@CAMERAS
+@pytest.mark.parametrize("radius", [4, 2, 1])
+def test_windows_compete_as_their_twins_do(camera, radius):
+    """Around a pixel and beside it, large ones and small ones."""
+    z = creased_and_round(camera)
+    found, twin = depth_needles(z, camera, 0.2, radius), depth_needles_twin(z, camera, 0.2, radius)
+    np.testing.assert_array_equal(found.known, twin.known)
+    np.testing.assert_allclose(found.normals, twin.normals, atol=1e-6)
+    np.testing.assert_allclose(found.normal_std, twin.normal_std, rtol=1e-5)
+    assert [array.dtype for array in found] == [array.dtype for array in twin]
+    assert 0.3 < found.known.mean() < 1.0
