@@ -178,13 +178,12 @@ def explained(
     sure = sure_from(sight) if sure is None else sure
     mask = np.zeros(shape, np.uint8)
     for answer in answers:
-        support = answer.judged.support
+        stride = answer.judged.support.stride
         for h in answer.selection.accepted[answer.selection.score[answer.selection.accepted] > sure]:
-            i, j = np.nonzero(support.pixels[h])  # what contradicts a sure pose is a reflection or a needle's error
-            u, v = support.origin_uv[h].astype(int)
-            rows, columns = v + support.stride * i, u + support.stride * j
-            inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
-            mask[rows[inside], columns[inside]] = 1
-            if support.stride > 1:
-                mask = cv2.dilate(mask, np.ones((support.stride,) * 2, np.uint8), anchor=(support.stride - 1,) * 2)
+            seen = answer.judged.explains(int(h), shape)  # what contradicts a sure pose is a reflection or an error
+            own = np.zeros(shape, np.uint8)
+            own[seen.rows, seen.columns] = seen.nats > 0.0
+            if stride > 1:
+                own = cv2.dilate(own, np.ones((stride,) * 2, np.uint8), anchor=(stride - 1,) * 2)
+            mask |= own
     return cv2.dilate(mask, np.ones((2 * EDGE_OF_A_POSE + 1,) * 2, np.uint8)) > 0

@@ -21,6 +21,8 @@ from itree_jax.prepared import largest_view, prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.likelihood import Support
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.refinement.select import Judged
+from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.regions import regions
 from itree_jax.sensing.segments import HeldBy
 from itree_jax.shown_surface import SAME_WAY
@@ -146,11 +148,12 @@ def test_no_view_shows_more_than_the_largest_one(prepared):
 
 
 def answer(mask, origin, stride, score):
-    pixels = np.where(mask, 5.0, 0.0)[None].astype(np.float16)
+    pixels = np.where(mask, 5.0, 0.0)[None].astype(np.float32)
     hidden, none = np.zeros(pixels.shape, bool), np.zeros(1)
     support = Support(pixels, 0.0 * pixels, hidden, none, none, np.array([origin], float), stride)
     selection = SimpleNamespace(accepted=np.array([0]), score=np.array([score]))
-    return SimpleNamespace(judged=SimpleNamespace(support=support), selection=selection)
+    judged = Judged(Verdict(*np.zeros((8, 1))), support, 1.0, np.zeros((1, 1), bool))
+    return SimpleNamespace(judged=judged, selection=selection)
 
 
 @pytest.mark.parametrize("stride", [1, 2, 3])
@@ -166,6 +169,10 @@ def test_sure_poses_explain_their_pixels_and_those_beside(stride):
         np.testing.assert_array_equal(explained([one], small), expected)
         doubtful = answer(mask, (20, 10), stride, sure - 0.01)
         assert not explained([doubtful], small).any()
+        other = answer(mask, (40, 10), stride, 0.99)  # beside it, no pose explains more
+        both = expected | explained([other], small)
+        np.testing.assert_array_equal(explained([one, other], small), both)
+        np.testing.assert_array_equal(explained([other, one], small), both)
 
 
 def test_what_is_explained_is_not_asked_again(sight):
