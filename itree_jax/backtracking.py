@@ -185,5 +185,5 @@ def explained(
             own[seen.rows, seen.columns] = seen.nats > 0.0
             if stride > 1:
                 own = cv2.dilate(own, np.ones((stride,) * 2, np.uint8), anchor=(stride - 1,) * 2)
-            mask |= own
+            mask[own > 0] = 1
     return cv2.dilate(mask, np.ones((2 * EDGE_OF_A_POSE + 1,) * 2, np.uint8)) > 0

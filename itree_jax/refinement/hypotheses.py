@@ -104,13 +104,11 @@ def best_of_each_region(
     """Indices of the `most` best hypotheses of every region, leaving out those that repeat a better one: that carry
     the part, as its symmetries leave it, to within `nearly` of the diameter [mm] of where the better one does.
     """
-    kept = []
-    R, t = (np.asarray(a, float) for a in hypotheses.poses)
-    for region in np.unique(hypotheses.region):
-        order = np.flatnonzero(hypotheses.region == region)
-        order = order[np.argsort(-score[order], kind="stable")]
-        kept.append(order[first_apart(R[order], t[order], symmetries, diameter, nearly * diameter, most)])
-    return np.concatenate(kept) if kept else np.zeros(0, int)
+    order = np.lexsort((-score, hypotheses.region))
+    region = hypotheses.region[order]
+    bounds = np.append(np.flatnonzero(np.diff(region, prepend=-1)), len(region))
+    R, t = (np.asarray(a, float)[order] for a in hypotheses.poses)
+    return order[first_apart(R, t, symmetries, diameter, nearly * diameter, most, bounds)]
 
 
 def abreast(

@@ -2,11 +2,11 @@
 
 import numpy as np
 from itree_cad.symmetry import Symmetries
+from itree_kernels.apart import kept_apart
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.distance import cdist
 
 NEARLY_SAME = 0.1  # of the diameter: two hypotheses whose rims differ by less are one
-BLOCK = 64  # poses that all others are held against at once
 ROUNDING = 1e-4  # of the trace of a rotation in float32
 
 
@@ -57,21 +57,14 @@ def carried_as_near(
 
 def first_apart(
     R: Float[np.ndarray, "n 3 3"], t: Float[np.ndarray, "n 3"], symmetries: Symmetries, diameter: float, nearly: float,
-    most: int,
+    most: int, bounds: Int[np.ndarray, "lists_and_one"] | None = None,
 ) -> Int[np.ndarray, "kept"]:
     """Indices of the first `most` poses that don't carry the part to within `nearly` [mm] of where an earlier one of
-    them does.
+    them does: `same_part_distance`. Of several lists of poses, if `bounds` tell where each begins and the last ends.
     """
-    kept: list[int] = []
-    left = np.arange(len(t))
-    while len(left) and len(kept) < most:
-        block = left[:BLOCK]
-        near = carried_as_near(R[left], t[left], R[block], t[block], symmetries, diameter, nearly)
-        repeated, new = np.zeros(len(block), bool), []
-        for k in range(len(block)):
-            if not repeated[k]:
-                new.append(k)
-                repeated |= near[: len(block), k]
-        kept.extend(block[new].tolist())
-        left = left[BLOCK:][~near[BLOCK:, new].any(axis=1)]
-    return np.array(kept[:most], int)
+    turns, ends = np.asarray(symmetries.discrete, float), None
+    if symmetries.continuous:
+        axis, point = (np.asarray(a, float) for a in symmetries.continuous[0])
+        ends = point + 0.5 * diameter * np.stack([axis, -axis])
+    bounds = np.array([0, len(t)]) if bounds is None else bounds
+    return np.flatnonzero(kept_apart(R, t, bounds, turns, ends, diameter, nearly, most))

@@ -5,7 +5,7 @@ import pytest
 from itree_cad.symmetry import Symmetries
 from scipy.spatial.transform import Rotation
 
-from itree_jax.refinement.pose_distance import BLOCK, carried_as_near, first_apart, same_part_distance
+from itree_jax.refinement.pose_distance import carried_as_near, first_apart, same_part_distance
 
 DIAMETER = 60.0
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -39,13 +39,28 @@ def test_all_pairs_are_told_as_one_at_a_time(kind, nearly):
     assert 0 < near.sum() < near.size
 
 
+def one_by_one(R: np.ndarray, t: np.ndarray, kind: str, most: int) -> list[int]:
+    """The first that are apart, each held against all others as soon as it is kept."""
+    left, kept = np.arange(len(t)), []
+    while len(left) and len(kept) < most:
+        best = left[0]
+        kept.append(int(best))
+        left = left[same_part_distance(R[left], t[left], R[best], t[best], KINDS[kind], DIAMETER) >= 6.0]
+    return kept
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("most", [1, 5, 1000])
-def test_the_first_apart_are_found_in_blocks_as_one_by_one(kind, most):
-    R, t = poses(3 * BLOCK + 7, 3)
-    left, expected = np.arange(len(t)), []
-    while len(left) and len(expected) < most:
-        best = left[0]
-        expected.append(int(best))
-        left = left[same_part_distance(R[left], t[left], R[best], t[best], KINDS[kind], DIAMETER) >= 6.0]
-    assert first_apart(R, t, KINDS[kind], DIAMETER, 6.0, most).tolist() == expected
+def test_the_first_apart_are_those_found_one_by_one(kind, most):
+    R, t = poses(200, 3)
+    assert first_apart(R, t, KINDS[kind], DIAMETER, 6.0, most).tolist() == one_by_one(R, t, kind, most)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lists_know_nothing_of_each_other(kind):
+    """Of equal lists the same ones are kept; an empty list keeps none."""
+    R, t = poses(60, 7)
+    R, t, bounds = np.concatenate([R, R[:25]]), np.concatenate([t, t[:25]]), np.array([0, 60, 60, 85])
+    kept = first_apart(R, t, KINDS[kind], DIAMETER, 6.0, 4, bounds).tolist()
+    assert kept == [*one_by_one(R[:60], t[:60], kind, 4), *(60 + k for k in one_by_one(R[:25], t[:25], kind, 4))]
+    assert first_apart(R[:0], t[:0], KINDS[kind], DIAMETER, 6.0, 4).tolist() == []
