@@ -13,6 +13,7 @@ from itree_jax.refinement.pose_distance import NEARLY_SAME, first_apart
 from itree_jax.refinement.verify import Verdict
 
 FACING = float(np.cos(np.radians(5.0)))  # normals within 5 degrees are one direction
+BLOCK = 256  # triangles that all others are held against at once
 MOST_NORMALS = 4000  # triangles of finer meshes aren't compared one with another
 ROUND_EXTENT = 1.15  # of a part that is nearly round: its extent changes less all around
 ROUND_TURNS = 2.0 * np.pi * np.arange(1, 15) / 15  # [rad]: none of them a cube's, 24 degrees apart
@@ -184,12 +185,12 @@ def main_axes(
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1) / 2.0
     normal = cross / np.maximum(2.0 * area, 1e-12)[:, None]
-    facing = np.abs(normal @ normal.T) > FACING if len(normal) <= MOST_NORMALS else None
-    if facing is not None:
-        first = int(np.argmax(facing @ area))
+    if len(normal) <= MOST_NORMALS:
+        facing = _facing_so(normal, area)
+        first = int(np.argmax(facing))
         across = np.abs(normal @ normal[first]) < np.sqrt(1.0 - FACING**2)
-        if (facing @ area)[first] > 0.1 * area.sum() and across.any():
-            second = np.flatnonzero(across)[int(np.argmax((facing @ area)[across]))]
+        if facing[first] > 0.1 * area.sum() and across.any():
+            second = np.flatnonzero(across)[int(np.argmax(facing[across]))]
             x = normal[first]
             y = normal[second] - (normal[second] @ x) * x
             y /= np.linalg.norm(y)
@@ -216,3 +217,9 @@ def joined(first: RegionHypotheses, second: RegionHypotheses) -> RegionHypothese
     poses = Hypotheses(*(np.concatenate(pair) for pair in zip(first.poses, second.poses, strict=True)))
     rest = (np.concatenate(pair) for pair in zip(first[1:], second[1:], strict=True))
     return RegionHypotheses(poses, *rest)
+
+
+def _facing_so(normal: Float[np.ndarray, "n 3"], area: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """How much of the surface faces as each triangle does, either way."""
+    blocks = np.array_split(normal, -(-len(normal) // BLOCK))
+    return np.concatenate([(np.abs(block @ normal.T) > FACING).astype(float) @ area for block in blocks])
