@@ -30,6 +30,7 @@ from itree_jax.sensing.needle import Array
 
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 REST = 0.01  # [px] that a pose's rim moves in a step: what is left of the way is no longer than twice that (tested)
+CHUNKS = 2  # of the windows for each thread: with more, launching takes longer than waiting for the last one
 FARTHEST = 1.0  # [window px] that a pose's rim may move before rays are cast again
 
 
@@ -170,7 +171,7 @@ def _refine_stage(
         def descend_some(first: int, last: int) -> None:
             descend(pose, seen[0], rays[0], casts[0], views[0], *steps, spreads, turns, FARTHEST, first, last, sums)
 
-        launch_in_chunks(descend_some, count, work, device)
+        launch_in_chunks(descend_some, count, work, device, CHUNKS)
         return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
     def refine_some(first: int, last: int) -> None:
@@ -187,7 +188,7 @@ def _refine_stage(
     kernels: tuple[Any, ...] = (equations_kernel, step_kernel)
     for kernel in kernels:
         load_kernel(kernel, device)
-    launch_in_chunks(refine_some, count, work, device, chunks_each=2)  # each takes four launches a step and camera
+    launch_in_chunks(refine_some, count, work, device, CHUNKS)
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
 
@@ -238,5 +239,5 @@ def cast_in(
     rays.load()
     for kernel in kernels:
         load_kernel(kernel, device)
-    launch_in_chunks(cast_some, len(t), rays_each=size**2, device=device)
+    launch_in_chunks(cast_some, len(t), size**2, device, CHUNKS)
     return seen
