@@ -287,3 +287,25 @@ def test_a_pose_shares_its_probability_with_a_rival_that_is_as_good(kind):
     )
     assert beside == pytest.approx(0.5 * alone)
     assert beaten < 1e-6
+
+
+@pytest.mark.parametrize("stride", [1, 2, 3])
+@pytest.mark.parametrize("origin", [(0, 0), (-7, 31), (58, -20), (83, 90), (-200, 0), (150, 5)])
+def test_what_is_explained_lies_in_the_image(origin, stride):
+    """Pixel by pixel, wherever the window lies; what is outside is left out."""
+    rng = np.random.default_rng(3)
+    mask = rng.random((SIZE, SIZE)) < 0.3
+    mask[:, :5] = mask[-4:] = False  # the window is larger than what it shows
+    one = judged([mask], [GOOD], [origin], stride, hidden=[~mask & (rng.random(mask.shape) < 0.2)])
+    found = one.explains(0, (90, 120))
+    image, hidden = np.zeros((90, 120), np.float32), np.zeros((90, 120), bool)
+    image[found.rows, found.columns], hidden[found.rows, found.columns] = found.nats, found.hidden
+    expected, covered = np.zeros_like(image), np.zeros_like(hidden)
+    for i, j in np.ndindex(mask.shape):
+        v, u = origin[1] + stride * i, origin[0] + stride * j
+        if 0 <= v < 90 and 0 <= u < 120:
+            expected[v, u], covered[v, u] = one.support.pixels[0][i, j], one.support.hidden[0][i, j]
+    np.testing.assert_array_equal(image, expected)
+    np.testing.assert_array_equal(hidden, covered)
+    assert found.pixels == np.count_nonzero(expected)
+    assert found.whole == pytest.approx(max(float(expected.sum()), 1e-9), rel=1e-5)
