@@ -23,7 +23,7 @@ from itree_jax.refinement.optimise import (
     window_origins,
     window_stride,
 )
-from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, total_equations
+from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, are_few, total_equations
 from itree_jax.sensing.needle import Array
 
 BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
@@ -64,6 +64,7 @@ def _seen_by(
         equations_in_view, R_view_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
         stride=np.asarray(stride, np.int32), size=stage.size, surface=model.surface if stage.contour else None,
+        few=are_few(found.triangle, found.contour_depth),
     )
     predicted = as_predicted(found, origin)
 
@@ -75,7 +76,7 @@ def _seen_by(
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
 
 
-@kept("size")
+@kept("size", "few")
 def equations_in_view(
     R_view_obj: Float[Array, "poses 3 3"],
     t_view_obj: Float[Array, "poses 3"],
@@ -88,6 +89,7 @@ def equations_in_view(
     stride: Int[Array, ""],
     size: int,
     surface: SmoothSurface | None = None,
+    few: bool = False,
 ) -> NormalEquations:
     """Normal equations of one camera, for twists in the frame of the first one. Poses are in the camera's own frame.
 
@@ -96,7 +98,7 @@ def equations_in_view(
     turn = jnp.zeros((6, 6)).at[:3, :3].set(R_view_cam).at[3:, 3:].set(R_view_cam)
 
     def one(R, t, seen):
-        there = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface)
+        there = total_equations(R, t, seen, observed, normal_obj, camera, deviations, size, stride, surface, few)
         squares: Any = (turn.T @ a @ turn for a in (there.hessian, there.information, there.spread))
         hessian, information, spread = squares
         return NormalEquations(hessian, turn.T @ there.gradient, there.cost, information, spread)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.refinement.information import (
     AT_OUTLINE,
@@ -28,6 +28,8 @@ from itree_jax.refinement.observed import CameraArrays, ObservedMaps
 from itree_jax.refinement.steady import steady_product
 from itree_jax.refinement.viewing import push_of, sight, unproject
 from itree_jax.sensing.needle import Array
+
+SHOWN, FOUND = 0.5, 0.125  # of a window's pixels, and of its possible contour points: most parts show less
 
 
 class Predicted(NamedTuple):
@@ -226,11 +228,12 @@ def contour_equations(
 def measured_information(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     window: WindowObservations, normal_obj: Float[Array, "triangles 3"], surface: SmoothSurface, camera: CameraArrays,
-    deviations: Deviations,
+    deviations: Deviations, few: bool, places: Int[Array, "n"],
 ) -> Measured:
     """What needles, depth and contour measure of the pose (see `information.py`), under the weights of the step.
 
-    Depth and needles of a component face share their bias, contour points of one side theirs.
+    Depth and needles of a component face share their bias, contour points of one side theirs. `few`: see `are_few`;
+    `places`: of the contour points, among all that are possible.
     """
     gap = window.depth - predicted.depth
     normal = normal_obj[predicted.triangle] @ R_cam_obj.T
@@ -241,17 +244,22 @@ def measured_information(
         pitch = jnp.where(camera.pinhole > 0, depth, 1.0) / camera.fx
         return surface_points(R_cam_obj, t_cam_obj, uv, depth, triangle, surface, camera), pitch
 
-    points, pitch = on_surface(window.uv.reshape(-1, 2), predicted.depth.reshape(-1), predicted.triangle.reshape(-1))
-    inner, fine = on_surface(match.uv, match.depth, inside_of_contour(predicted.depth, predicted.triangle))
+    triangle, beside = predicted.triangle.reshape(-1), inside_of_contour(predicted.depth, predicted.triangle)[places]
+    of_depth = depth_weights(predicted, window, gap * facing, facing, deviations).reshape(-1)
+    of_needles = needle_weights(predicted, window, normal, deviations, gap).reshape(-1)
+    uv, depth = window.uv.reshape(-1, 2), predicted.depth.reshape(-1)
+    if few:
+        shown, is_shown = _places(triangle >= 0, int(SHOWN * len(triangle)))
+        uv, depth, triangle = uv[shown], depth[shown], triangle[shown]
+        of_depth, of_needles = (jnp.where(is_shown, weight[shown], 0.0) for weight in (of_depth, of_needles))
+    points, pitch = on_surface(uv, depth, triangle)
+    inner, fine = on_surface(match.uv, match.depth, beside)
     reach = AT_OUTLINE * (window.uv[0, 1, 0] - window.uv[0, 0, 0]) * fine
     by_depth = measured(
-        depth_jacobian(points)[:, None],
-        depth_weights(predicted, window, gap * facing, facing, deviations).reshape(-1), points.face, MOST_FACES,
-        deviations.depth, deviations.depth_bias,
+        depth_jacobian(points)[:, None], of_depth, points.face, MOST_FACES, deviations.depth, deviations.depth_bias
     )
     by_needles = measured(
-        needle_jacobian(points, pitch), needle_weights(predicted, window, normal, deviations, gap).reshape(-1),
-        points.face, MOST_FACES, deviations.needle, deviations.needle_bias,
+        needle_jacobian(points, pitch), of_needles, points.face, MOST_FACES, deviations.needle, deviations.needle_bias
     )
     by_contour = measured(
         contour_jacobian(inner, match.depth, match.direction, t_cam_obj, camera, reach)[:, None], match.weight,
@@ -261,17 +269,33 @@ def measured_information(
     return Measured(information, by_depth.spread + by_needles.spread + by_contour.spread)
 
 
+def are_few(triangle: Int[np.ndarray, "poses s s"], contour_depth: Float[np.ndarray, "poses 2 s s"]) -> bool:
+    """Whether each window shows so few pixels and contour points that they are picked out before they are weighed."""
+    shown, found = (triangle >= 0).mean(axis=(1, 2)), (contour_depth > 0.0).mean(axis=(1, 2, 3))
+    return bool(shown.max(initial=0.0) <= SHOWN and found.max(initial=0.0) <= FOUND)
+
+
+def _places(there: Bool[Array, "n"], most: int) -> tuple[Int[Array, "most"], Bool[Array, "most"]]:
+    """Where it is so, filled up to `most`; which are no filling."""
+    return jnp.nonzero(there, size=most, fill_value=0)[0], jnp.arange(most) < jnp.sum(there)
+
+
 def total_equations(
     R_cam_obj: Float[Array, "3 3"], t_cam_obj: Float[Array, "3"], predicted: Predicted, observed: ObservedMaps,
     normal_obj: Float[Array, "triangles 3"], camera: CameraArrays, deviations: Deviations, size: int,
-    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None,
+    stride: Int[Array, ""] | int, surface: SmoothSurface | None = None, few: bool = False,
 ) -> NormalEquations:
     """The normal equations of one hypothesis: needles + depth + contour.
 
-    With the smooth `surface` that the triangles stand for, they tell what the image measures.
+    With the smooth `surface` that the triangles stand for, they tell what the image measures. `few`: see `are_few`.
     """
     window = look_up(observed, predicted.origin_uv, size, stride)
     gap = window.depth - predicted.depth
+    places = jnp.arange(predicted.contour_depth.size)
+    if few:
+        uv, z = predicted.contour_uv.reshape(-1, 2), predicted.contour_depth.reshape(-1)
+        places, is_found = _places(z > 0.0, int(FOUND * len(z)))
+        predicted = predicted._replace(contour_uv=uv[places], contour_depth=jnp.where(is_found, z[places], 0.0))
     terms = (
         depth_equations(R_cam_obj, t_cam_obj, predicted, window, normal_obj, camera, deviations),
         needle_equations(R_cam_obj, predicted, window, normal_obj, deviations, gap),
@@ -282,6 +306,6 @@ def total_equations(
         return total
 
     found = measured_information(
-        R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations
+        R_cam_obj, t_cam_obj, predicted, observed, window, normal_obj, surface, camera, deviations, few, places
     )
     return total._replace(information=found.information, spread=found.spread)

@@ -1,17 +1,22 @@
 """Needles at fixed pixels while the surface moves: finite differences on a sphere and a cylinder, and on facets."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from itree_cad.bundled import bundled_part
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
+from itree_jax.refinement import pose_information
 from itree_jax.refinement.bending import pairs_at_vertices, smooth_surface
 from itree_jax.refinement.information import SHARPEST, SurfacePoints, measured, needle_jacobian, side_of
 from itree_jax.refinement.optimise import Hypotheses, RefineModel, Stage, padded_normals, padded_surface, refine
 from itree_jax.refinement.pose_information import equations_at
+from itree_jax.refinement.residuals import NormalEquations, are_few
 from itree_jax.refinement.uncertainty import rim_motions, rim_uncertainty
 from itree_jax.refinement.unobservable import unobservable
 
@@ -225,3 +230,32 @@ def test_sides_of_a_contour():
     angle = np.radians([-179.0, -135.5, -134.5, 0.5, 44.0, 46.0, 179.0])
     sides = side_of(jnp.asarray(np.stack([np.cos(angle), np.sin(angle)], axis=1), jnp.float32))
     np.testing.assert_array_equal(sides, [0, 0, 1, 4, 4, 5, 7])
+
+
+def test_what_is_picked_out_measures_what_the_whole_window_does(monkeypatch):
+    """Pixels and contour points that a window doesn't show weigh nothing, wherever they stand in the sums."""
+    bare = model_of(bundled_part("bracket"))
+    surface = padded_surface(smooth_surface(bare.mesh))
+    bracket = replace(bare, normal_obj=padded_normals(bare.mesh.triangle_normals), surface=surface)
+    R = Rotation.from_rotvec([[2.2, 0.4, -0.9], [-0.7, 2.4, 0.5]]).as_matrix()
+    t = centred(bracket, R[0])
+    maps = seen(bracket, R[0], t, [floor_below(bracket, t)]).maps
+    poses, stage = Hypotheses(R, np.stack([t, t])), Stage(10, 64, (12.0, 1.0), (1.0, 0.3), (15.0, 2.0))
+
+    def found() -> NormalEquations:
+        return equations_at(poses, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
+
+    picked = found()
+    asked = []
+    monkeypatch.setattr(pose_information, "are_few", lambda *windows: bool(asked.append(are_few(*windows))))
+    for one, other in zip(picked, found(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-4 * np.abs(other).max())
+    assert asked == [True]
+    assert np.abs(picked.spread).max() > 0.0
+
+
+@pytest.mark.parametrize(("shown", "found", "few"), [(0.49, 0.12, True), (0.51, 0.12, False), (0.49, 0.13, False)])
+def test_windows_that_show_much_are_taken_whole(shown, found, few):
+    triangle, contour_depth = np.full((3, 100), -1), np.zeros((3, 200))
+    triangle[1, : round(100 * shown)], contour_depth[2, : round(200 * found)] = 7, 900.0
+    assert are_few(triangle.reshape(3, 10, 10), contour_depth.reshape(3, 2, 10, 10)) == few
