@@ -41,7 +41,8 @@ class SensorErrors(NamedTuple):
 class Support(NamedTuple):
     """Log-likelihood ratios [nats] of a list of poses, in windows of the first camera.
 
-    Windows are shared by the lists that a pose is in: none is copied when lists are joined or cut.
+    Windows are shared by the lists that a pose is in: none is copied when lists are joined or cut, and those that were
+    weighed together go together, with the last of them.
     """
 
     pixels: Sequence[Float[np.ndarray, "s s"]]  # above 0: the pose explains the pixel; below: it contradicts it

@@ -136,7 +136,7 @@ def refine(
     views = [seen_by(observed, camera), *(other.seen_by for other in others)]
     R, t = (np.asarray(a, np.float32) for a in hypotheses)
     distance = float(np.median(t[:, 2]))
-    for stage in stages:
+    for stage in (stage for stage in stages if stage.steps):
         stride = window_stride(camera, model.reach, distance, stage.size)
         R, t = _refine_stage(R, t, model, views, deviations, stage, stride, jump, crease)
     return Hypotheses(R, t)

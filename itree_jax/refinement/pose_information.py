@@ -64,13 +64,13 @@ def _seen_by(
         equations_in_view, R_view_cam=jnp.asarray(view.R_other_cam, jnp.float32), observed=view.observed,
         normal_obj=model.normal_obj, camera=camera_arrays(view.camera), deviations=deviations,
         stride=np.asarray(stride, np.int32), size=stage.size, surface=model.surface if stage.contour else None,
-        few=are_few(found.triangle, found.contour_depth),
     )
     predicted = as_predicted(found, origin)
 
     def equations_from(first: int) -> NormalEquations:
         some = jax.tree.map(lambda a: a[first : first + BATCH], (R, t, predicted))
-        return jax.tree.map(np.asarray, equations_of(*some))
+        few = are_few(some[2].triangle, some[2].contour_depth)
+        return jax.tree.map(np.asarray, equations_of(*some, few=few))
 
     batches = [equations_from(0), *on_all_cores(equations_from, range(BATCH, len(t), BATCH))]  # compiled but once
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)

@@ -271,8 +271,9 @@ def measured_information(
 
 def are_few(triangle: Int[np.ndarray, "poses s s"], contour_depth: Float[np.ndarray, "poses 2 s s"]) -> bool:
     """Whether each window shows so few pixels and contour points that they are picked out before they are weighed."""
-    shown, found = (triangle >= 0).mean(axis=(1, 2)), (contour_depth > 0.0).mean(axis=(1, 2, 3))
-    return bool(shown.max(initial=0.0) <= SHOWN and found.max(initial=0.0) <= FOUND)
+    shown, found = (triangle >= 0).sum(axis=(1, 2)), (contour_depth > 0.0).sum(axis=(1, 2, 3))
+    few = (shown <= SHOWN * triangle[0].size) & (found <= FOUND * contour_depth[0].size)
+    return bool(few.all())
 
 
 def _places(there: Bool[Array, "n"], most: int) -> tuple[Int[Array, "most"], Bool[Array, "most"]]:

@@ -91,7 +91,9 @@ class Windows:
         return self.contour_depth.shape[2] > 0
 
     def clear_contours(self) -> None:
-        """Zeros where there will be none, for who reads all of the arrays and not the columns alone."""
+        """Zeros where there will be none, for who reads all of the arrays and not the columns alone. Only before rays
+        are cast first: what was found is not taken away.
+        """
         self.contour_uv.zero_()
         self.contour_depth.zero_()
 
