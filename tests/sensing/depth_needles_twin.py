@@ -2,12 +2,11 @@
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from itree_kernels.camera import Camera
 from jaxtyping import Bool, Float, Int
 
-from itree_jax.sensing.depth_needles import LEAST_KNOWN, RADIUS, SMALLER, DepthNeedles
+from itree_jax.sensing.depth_needles import RADIUS, SMALLER, DepthNeedles, _filled
 
 from .curving_twin import added_by_third_order
 from .window_fits_twin import WindowFits, window_fits
@@ -113,22 +112,6 @@ def _take_beside(taken: _Taken, fit: WindowFits, values: _Values) -> None:
     slope = fit.slope.reshape(-1, 2)[at[found]]
     level = fit.mean.ravel()[at[found]] - (slope * beside[found]).sum(axis=-1)
     taken.put(pixels[found], slope, level, 2 * r + 1)
-
-
-def _filled(
-    value: Float[np.ndarray, "height width"], there: Bool[np.ndarray, "height width"], radius: int
-) -> tuple[Float[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
-    """Pixels without depth take the mean of a window's known ones; where those are too few, no window is to be used."""
-    if there.all():
-        return value, there
-    side = (2 * radius + 1,) * 2
-
-    def mean(field: np.ndarray) -> np.ndarray:
-        return cv2.boxFilter(field, cv2.CV_64F, side, borderType=cv2.BORDER_CONSTANT)
-
-    share = mean(there.astype(np.float64))
-    around = mean(np.where(there, value, 0.0)) / np.maximum(share, 1e-9)
-    return np.where(there, value, around), there | (share >= LEAST_KNOWN)
 
 
 def _fits(
