@@ -33,7 +33,8 @@ from itree_jax.sensing.edges import EdgeLabel, SceneEdges, scene_edges
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import needle_map
 from itree_jax.sensing.region_cuts import Cuts
-from itree_jax.sensing.regions import Regions, detectable, regions
+from itree_jax.sensing.regions import Regions, regions
+from itree_jax.sensing.slant_limit import detectable
 
 KINDS = ("outline", "crease", "shadow")
 DIRECTIONS = 64  # as d(theta) has

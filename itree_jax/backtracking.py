@@ -17,8 +17,9 @@ from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.schedule import STEEPEST_SEEN
 from itree_jax.sensing.depth_needles import depth_needles
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.regions import Regions, added, detectable, regions
+from itree_jax.sensing.regions import Regions, added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments
+from itree_jax.sensing.slant_limit import detectable
 from itree_jax.sensing.two_lights import two_light_needles
 from itree_jax.sight import Sight
 from itree_jax.stereo.dual_stereo import AGREES
@@ -69,16 +70,17 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
     own normals; where there is none, needles past the slant limit do (`with_steep`).
     """
     known = explained(answers, sight)
-    needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & ~known)
+    free = ~known if sight.lit is None else ~known & sight.lit
+    needle = sight.needle._replace(interpretable=np.asarray(sight.needle.interpretable) & free)
     depth = None if sight.depth is None else np.where(known, np.float32(0.0), sight.depth)
     found, segments = regions(needle, depth, sight.sensor, sight.R_w2c, sight.edges), None
     if sight.kind != "depth":
         found = with_steep(found, needle, depth, sight)
     elif sight.lit is not None and sight.depth is not None and depth is not None:
         normals = sight.of_depth or depth_needles(sight.depth, sight.sensor.camera, sight.noise)
-        free = sight.lit & (depth > 0) & (found.labels < 0) & ~known & normals.known
+        untold = free & (depth > 0) & (found.labels < 0) & normals.known
         segments = depth_segments(depth, sight.sensor)
-        labels = faces_of_segments(np.where(free, segments, 0), normals.normals)
+        labels = faces_of_segments(np.where(untold, segments, 0), normals.normals)
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
         fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
         needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))

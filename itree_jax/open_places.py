@@ -22,6 +22,7 @@ from itree_jax.split_region import pieces_of
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
 NEARLY_OPEN = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
+LONGER = 0.05  # than a part: a depth map's noise at both ends of it, and of a pixel
 GRAZING = 0.1  # cosine: along a steeper face nothing is moved farther than along this one
 MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 
@@ -34,14 +35,15 @@ class Places(NamedTuple):
 
 
 def open_places(prepared: Prepared, sight: Sight, asked: Int[np.ndarray, "asked"]) -> Places:
-    """Every surface that hangs together and is no larger than what a part shows, by its largest region; in a pile of
-    parts that touch, every region. The largest `MOST_OPEN` that are large enough.
+    """Every surface that hangs together and is neither larger than what a part shows nor longer than it, by its largest
+    region; in a pile of parts that touch, every region. The largest `MOST_OPEN` that are large enough.
 
     A surface that shadows and edges part into several regions is one place: its regions alone may be too small to be
     asked, and all of them would ask the same.
     """
     found, held = sight.found, sight.held
     alone = held.area_mm2[asked] <= prepared.largest_view
+    alone &= held.extent_mm[asked] <= (1.0 + LONGER) * prepared.model.diameter
     area = np.where(alone, held.area_mm2[asked], found.area_mm2[asked])
     surface = np.where(alone, held.segment[asked], -1 - asked)
     largest_first = np.argsort(-found.area_mm2[asked], kind="stable")

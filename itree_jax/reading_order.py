@@ -45,11 +45,11 @@ def read(
     said = asked.said
     if said is None:
         return []
-    bright = sight.bright if only is None else sight.bright & only
+    wanted = np.ones(sight.found.count, bool) if only is None else only
     answers = [
-        interpret(prepared, part, wanted, said, asked.measured[prepared.pitch], sight, beam)
+        interpret(prepared, part, those, said, asked.measured[prepared.pitch], sight, beam)
         for part, prepared in enumerate(forest.trees)
-        if len(wanted := np.flatnonzero(said.left[:, part] & bright & large_enough(sight.found, prepared, beam.least)))
+        if len(those := np.flatnonzero(said.left[:, part] & wanted & large_enough(sight.found, prepared, beam.least)))
     ]
     return compete(answers, sight)
 
@@ -69,7 +69,7 @@ def read_topmost(forest: PreparedForest, sight: Sight, asked: Asked, picks: int)
     found = sight.found
     smallest = min(FIRST.least * prepared.usual_area for prepared in forest.trees)
     order = np.argsort(-found.height, kind="stable")
-    order = order[(sight.bright & (found.area_mm2 >= smallest))[order]]
+    order = order[found.area_mm2[order] >= smallest]
     answers: list[Interpretation] = []
     while len(order):
         new = np.isin(np.arange(found.count), order[:AT_ONCE])

@@ -200,14 +200,15 @@ def search_deeper(
 def detections_of(
     answers: list[Interpretation], forest: PreparedForest, sight: Sight, seconds: float, partly: bool
 ) -> Detections:
-    """The accepted poses, and the regions without one. Regions of a second reading are counted after the first's; those
-    of a pose that was accepted already, but not surely, are not without one. `partly`: a single reading may have left
-    out regions, as picks were enough.
+    """The accepted poses, and the regions without one. Dark regions are counted after the first reading's, those of a
+    second reading after these; regions of a pose that was accepted already, but not surely, are not without one.
+    `partly`: a single reading may have left out regions, as picks were enough.
     """
     readings = list({id(a.found): a.found for a in answers}.values()) or [sight.found]
+    everything = [readings[0], *([] if sight.dark is None else [sight.dark]), *readings[1:]]
     labels, first = readings[0].labels.copy(), 0
     numbers = {}
-    for found in readings:
+    for found in everything:
         labels[found.labels >= 0] = found.labels[found.labels >= 0] + first
         numbers[id(found)] = first
         first += found.count
@@ -217,9 +218,8 @@ def detections_of(
     there = set(np.unique(labels).tolist())
     answered = explained(answers, sight, sure=0.0)
     unexplained = []
-    for found in readings:
+    for found in everything:
         of_reading = [a for a in answers if a.found is found]
-        bright = replace(sight, found=found).bright
         for r in range(found.count):
             number = numbers[id(found)] + r
             if number not in there or number in recognised:
@@ -227,7 +227,7 @@ def detections_of(
             is_told = answered[labels == number].mean() > MOSTLY
             if found is readings[0] or not is_told:
                 left_out = partly and len(readings) == 1
-                not_read = unread_because(forest, of_reading, r, left_out) if bright[r] else TOO_DARK
+                not_read = TOO_DARK if found is sight.dark else unread_because(forest, of_reading, r, left_out)
                 reason = best_reason(of_reading, r) or (EXPLAINED if is_told else not_read)
                 place = place_of(labels == number)
                 unexplained.append({"region": number, "reason": reason, "height_mm": float(found.height[r]), **place})

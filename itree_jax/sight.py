@@ -36,7 +36,7 @@ CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's face
 class Sight:
     """What one image shows, whatever part is looked for."""
 
-    found: Regions
+    found: Regions  # of surface as bright as the parts, where that is told
     needle: NeedleMap
     observed: ObservedMaps
     held: HeldBy  # by the surface that hangs together with each region; without depth, by themselves
@@ -55,6 +55,7 @@ class Sight:
     R_w2c: Float[np.ndarray, "3 3"] | None = None
     of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface
     lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
+    dark: Regions | None = None  # of bin and floor; None: not told
 
     @property
     def kind(self) -> str:
@@ -70,16 +71,6 @@ class Sight:
     def roughly_held_against(self) -> SeenBy:
         """The same of rough poses."""
         return self.held_against if self.coarse is None else seen_by(self.coarse, self.sensor.camera)
-
-    @property
-    def bright(self) -> Bool[np.ndarray, "regions"]:
-        """Regions that are no dark bin or floor: a light shows most of their pixels."""
-        count = self.found.count
-        if self.lit is None:
-            return np.ones(count, bool)
-        inside = self.found.labels >= 0
-        lit = np.bincount(self.found.labels[inside], self.lit[inside], minlength=count)
-        return lit > 0.5 * np.bincount(self.found.labels[inside], minlength=count)
 
     def of(
         self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None,
@@ -125,20 +116,19 @@ def look(
 
     needle, of_depth = at_once(lambda: first_needles(images, sensor, depth), of_surface)
     needle = corrected(needle, sensor, depth, responses[0], of_depth)
+    lit = lit_by_any(images, sensor, needle)
 
-    def found_and_held() -> tuple[Regions, HeldBy]:
-        found = regions(needle, depth, sensor, R_w2c)
-        return found, held_by(found.labels, depth, sensor)
+    def found_and_held() -> tuple[Regions, Regions | None, HeldBy]:
+        found, dark = by_light(regions(needle, depth, sensor, R_w2c, lit=lit), lit)
+        return found, dark, held_by(found.labels, depth, sensor)
 
-    def observed_and_lit() -> tuple[ObservedMaps, Bool[np.ndarray, "height width"] | None]:
+    def seen() -> ObservedMaps:
         observed = observe(*believed(needle), depth, depth_jump(sensor.camera, sensor.working_distance, noise))
-        if not sensor.is_depth_camera:
-            observed = with_shading(observed, images, sensor, needle)
-        return observed, lit_by_any(images, sensor, needle)
+        return observed if sensor.is_depth_camera else with_shading(observed, images, sensor, needle)
 
-    (found, held), (observed, lit) = at_once(found_and_held, observed_and_lit)
+    (found, dark, held), observed = at_once(found_and_held, seen)
     return Sight(
-        found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth, lit=lit,
+        found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth, lit=lit, dark=dark,
     )
 
 
@@ -158,10 +148,10 @@ def look_with_two(
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
     needle = read_needles(images, sensor, None, responses[0])
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
-    found = regions(placed, depth, sensor, R_w2c)
+    lit = lit_by_any(images, sensor, needle)
+    found, dark = by_light(regions(placed, depth, sensor, R_w2c, lit=lit), lit)
     edges = scene_edges(images, sensor, needle)
     observed = observe_images(images, sensor, needle, away_from_steps(depth, sensor), edges)
-    lit = lit_by_any(images, sensor, needle)
     soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
     coarse = observed._replace(depth=on_device(soft, np.float32))
     other = read_needles(second.images, second.sensor, None, responses[1])
@@ -173,7 +163,7 @@ def look_with_two(
     return Sight(
         found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
-        soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit,
+        soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit, dark=dark,
     )  # fmt: skip
 
 
@@ -207,21 +197,22 @@ def look_with_one(
     """
     needle = read_needles(images, sensor, None, response)
     edges = scene_edges(images, sensor, needle)
-    found = regions(needle, None, sensor, R_w2c, edges)
+    lit = lit_by_any(images, sensor, needle)
+    found = regions(needle, None, sensor, R_w2c, edges, lit=lit)
     level = np.full(found.count, sensor.working_distance)
     found = replace(found, mean_depth=level, height=np.zeros(found.count))  # nothing tells which one is higher
+    found, dark = by_light(found, lit)
     none = np.zeros(np.asarray(needle.albedo).shape, np.float32)
     return Sight(
         found, needle, observe_images(images, sensor, needle, none, edges), by_themselves(found, sensor),
-        STEREO_NOISE, sensor, edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c,
-        lit=lit_by_any(images, sensor, needle),
+        STEREO_NOISE, sensor, edge_reach=EDGE_REACH, crease=CREASE, edges=edges, R_w2c=R_w2c, lit=lit, dark=dark,
     )
 
 
 def by_themselves(found: Regions, sensor: Sensor) -> HeldBy:
     """Regions of which nothing tells what hangs together with them."""
     centre = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
-    return HeldBy(np.arange(found.count), np.asarray(found.area_mm2), centre)
+    return HeldBy(np.arange(found.count), np.asarray(found.area_mm2), centre, np.zeros(found.count))
 
 
 def lit_by_any(
@@ -235,6 +226,15 @@ def lit_by_any(
     albedo = float(dominant_albedo(needle))
     brightest = (images / sensor.light_intensities[:, None, None]).max(axis=0)
     return np.asarray(brightest > LIT * albedo) if albedo > 0 else None
+
+
+def by_light(found: Regions, lit: Bool[np.ndarray, "height width"] | None) -> tuple[Regions, Regions | None]:
+    """Regions that a light shows, and those of dark bin and floor, which no part is looked for in."""
+    if lit is None:
+        return found, None
+    inside = found.labels >= 0
+    bright = np.bincount(found.labels[inside], lit[inside], minlength=found.count) > 0
+    return found.take(np.flatnonzero(bright)), found.take(np.flatnonzero(~bright))
 
 
 def observe_images(

@@ -26,7 +26,7 @@ from itree_jax.refinement.verify import Verdict
 from itree_jax.sensing.regions import regions
 from itree_jax.sensing.segments import HeldBy
 from itree_jax.shown_surface import SAME_WAY
-from itree_jax.sight import look
+from itree_jax.sight import by_light, look
 from itree_jax.simulate.bin import Bin
 from itree_jax.simulate.imaging import image_bin
 
@@ -118,10 +118,10 @@ def test_a_region_larger_than_anything_a_part_shows_opens_no_attitude(prepared, 
     assert len(found.region) == len(found.poses.t_cam_obj) == 0
 
 
-def asked_places(prepared, sight, area_mm2, segment, segment_mm2):
+def asked_places(prepared, sight, area_mm2, segment, segment_mm2, extent_mm=0.0):
     """Of regions with these areas, in these segments."""
     count = len(area_mm2)
-    held = HeldBy(np.array(segment), np.array(segment_mm2), np.zeros((count, 3)))
+    held = HeldBy(np.array(segment), np.array(segment_mm2), np.zeros((count, 3)), np.full(count, extent_mm))
     return open_places(
         prepared, replace(sight, found=SimpleNamespace(area_mm2=np.array(area_mm2)), held=held), np.arange(count)
     )
@@ -132,6 +132,15 @@ def test_a_surface_is_one_place_however_many_regions_it_falls_into(prepared, sig
     places = asked_places(prepared, sight, [some, 1.1 * some, some, some], [4, 4, 4, 7], [whole, whole, whole, some])
     assert places.region.tolist() == [1]
     assert places.alone.all()
+
+
+def test_two_parts_that_show_no_more_than_one_could_are_two_places(prepared, sight):
+    """Together they reach farther than one does."""
+    one, diameter = prepared.usual_area, prepared.model.diameter
+    for reach, count in ((0.9, 1), (1.0, 1), (1.3, 2)):
+        places = asked_places(prepared, sight, [one, 0.9 * one], [4, 4], [1.9 * one] * 2, reach * diameter)
+        assert len(places.region) == count
+        assert places.alone.all() == (count == 1)
 
 
 def test_in_a_pile_every_region_is_a_place(prepared, sight):
@@ -213,7 +222,8 @@ def test_needles_past_the_slant_limit_are_asked_at_last(flat_sight):
     """They make regions of their own, which the first reading hasn't."""
     _, sight = flat_sight
     strict = replace(sight, sensor=replace(sight.sensor, slant_limit=np.radians(12.0)))
-    strict = replace(strict, found=regions(sight.needle, None, strict.sensor, sight.R_w2c, sight.edges))
+    found, _ = by_light(regions(sight.needle, None, strict.sensor, sight.R_w2c, sight.edges, lit=sight.lit), sight.lit)
+    strict = replace(strict, found=found)
     steep = (sight.found.labels >= 0) & (np.asarray(sight.needle.normals)[..., 2] > -np.cos(np.radians(15.0)))
     assert steep.sum() > 1000
     assert not (strict.found.labels >= 0)[steep].any()

@@ -42,15 +42,17 @@ def cut_links(
 def connected(
     mask: Bool[np.ndarray, "height width"], depth: Float[np.ndarray, "height width"] | None, sensor: Sensor,
     cut: Bool[np.ndarray, "neighbours height width"] | None = None,
+    lit: Bool[np.ndarray, "height width"] | None = None,
 ) -> Int[np.ndarray, "height width"]:
-    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it.
+    """Label of the 8-connected component of each pixel of the mask, NO_REGION outside it; none has both pixels that are
+    `lit` and others.
 
     Pixels of a row that hang together are one node of the graph: there are far fewer of them than of pixels.
     """
     limit = np.inf if depth is None else depth_step_limit(depth, mask, sensor)
     z = None if depth is None else depth.astype(np.float64)
     row, *rest = (
-        _linked(mask, z, rows, columns, limit, None if cut is None else cut[k])
+        _linked(mask, z, rows, columns, limit, None if cut is None else cut[k], lit)
         for k, (rows, columns) in enumerate(NEIGHBOURS)
     )
     first = mask.copy()
@@ -72,14 +74,17 @@ def _linked(
     columns: int,
     limit: float,
     cut: Bool[np.ndarray, "height width"] | None,
+    lit: Bool[np.ndarray, "height width"] | None,
 ) -> Bool[np.ndarray, "height2 width2"]:
-    """Where a pixel and this neighbour of it belong together: both in the mask, no step between (an unknown depth makes
-    none).
+    """Where a pixel and this neighbour of it belong together: both in the mask and as lit, no step between (an unknown
+    depth makes none).
     """
     here, there = _sides(mask.shape, rows, columns)
     both = mask[here] & mask[there]
     if cut is not None:
         both &= ~cut[here]
+    if lit is not None:
+        both &= lit[here] == lit[there]
     if depth is not None:
         apart = np.abs(depth[here] - depth[there]) > limit * np.hypot(rows, columns)
         both &= ~(apart & (depth[here] > 0.0) & (depth[there] > 0.0))

@@ -17,6 +17,7 @@ from itree_jax.sensing.depth_steps import depth_noise as depth_noise
 from itree_jax.sensing.edges import SceneEdges
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.region_cuts import WITH_DEPTH, WITHOUT_DEPTH, Cuts, parting
+from itree_jax.sensing.slant_limit import detectable
 from itree_jax.sensor import Sensor
 
 HEIGHT_PERCENTILE = 90.0  # the top of a region, without its few highest (noisiest) pixels
@@ -57,6 +58,7 @@ def regions(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     edges: SceneEdges | None = None,
     cuts: Cuts | None = None,
+    lit: Bool[np.ndarray, "height width"] | None = None,
 ) -> Regions:
     """The regions of a needle map, sorted by falling height. Runs on the host.
 
@@ -64,14 +66,15 @@ def regions(
     toward the camera, from the plane that the optical axis meets at the working distance. Without a depth map nothing
     is cut by depth, height and depth are NaN, and the largest region comes first: give the scene's `edges`
     (`sensing.edges.scene_edges`), or regions of several parts run together. `cuts` says which of them part regions;
-    None: `WITHOUT_DEPTH` or `WITH_DEPTH`. Raises `ItreeError` if the sizes of needle map, depth map and region of
-    interest differ.
+    None: `WITHOUT_DEPTH` or `WITH_DEPTH`. Where a part touches a dark wall neither depth nor edge need tell them apart:
+    no region has pixels that are `lit` and others. Raises `ItreeError` if the sizes of needle map, depth map and region
+    of interest differ.
     """
     normals = np.asarray(needle.normals)
     _check_sizes(normals, depth, sensor)
     mask = detectable(needle, sensor)
     cuts = cuts or (WITHOUT_DEPTH if depth is None else WITH_DEPTH)
-    labels = connected(mask, depth, sensor, None if edges is None else _links_cut(edges, cuts, mask))
+    labels = connected(mask, depth, sensor, None if edges is None else _links_cut(edges, cuts, mask), lit)
     depth = np.full(mask.shape, np.nan) if depth is None else np.where(depth > 0.0, depth, np.nan).astype(np.float64)
     members = _members(labels, _least_pixels(depth, sensor))
     found = [_describe(pixels, normals, depth, sensor, R_w2c) for pixels in members]
@@ -117,19 +120,6 @@ def added(
         for name in ("area_px", "area_mm2", "centroid_uv", "mean_normal", "mean_depth", "height", "bbox")
     }  # fmt: skip
     return Regions(labels=labels, **joined)
-
-
-def detectable(needle: NeedleMap, sensor: Sensor) -> Bool[np.ndarray, "height width"]:
-    """Interpretable, slanted to its own viewing ray by less than the limit, and in the region of interest."""
-    normals, camera = np.asarray(needle.normals), sensor.camera
-    x, y = np.zeros(camera.width), np.zeros((camera.height, 1))
-    if not camera.is_orthographic:
-        x = (np.arange(camera.width) - camera.cx) / camera.fx
-        y = (np.arange(camera.height)[:, None] - camera.cy) / camera.fy
-    toward_viewer = -(normals[..., 0] * x + normals[..., 1] * y + normals[..., 2])
-    steep = toward_viewer <= np.cos(sensor.slant_limit) * np.sqrt(x**2 + y**2 + 1.0)
-    mask = np.asarray(needle.interpretable) & ~steep
-    return mask if sensor.region_of_interest is None else mask & sensor.region_of_interest
 
 
 def _links_cut(

@@ -1,6 +1,7 @@
 """Segments: surface that hangs together in the depth map, lit or not."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -9,6 +10,9 @@ from jaxtyping import Float, Int
 from itree_jax.sensing.depth_steps import depth_step_limit
 from itree_jax.sensor import Sensor
 
+COARSE = 2  # [px] of the pixels that tell how far a segment reaches
+CORNERS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)])  # one of each two opposites
+DIRECTIONS = CORNERS / np.linalg.norm(CORNERS, axis=1, keepdims=True)  # axes and diagonals of a cube: within 28 degrees
 FOLD, FOLD_REACH = np.radians(20.0), 2  # between normals this many pixels apart: five deviations of a depth map's
 
 
@@ -51,6 +55,7 @@ class HeldBy:
     segment: Int[np.ndarray, "regions"]  # regions of one segment have one number
     area_mm2: Float[np.ndarray, "regions"]  # of the segment, across the line of sight [mm^2]
     centre: Float[np.ndarray, "regions 3"]  # its mean surface point, camera frame [mm]
+    extent_mm: Float[np.ndarray, "regions"]  # two of its points are at least so far apart [mm]; 0 where nothing tells
 
 
 def held_by(
@@ -80,4 +85,20 @@ def held_by(
     pixels = np.maximum(np.bincount(of, minlength=len(number)), 1)
     mean = np.stack([np.bincount(of, x, len(number)) for x in X_cam.T], axis=-1) / pixels[:, None]
     at = np.searchsorted(number, most)
-    return HeldBy(most, pixels[at] * np.square(camera.mm_per_px(mean[at, 2])), mean[at])
+    some_pixels = (v % COARSE == 0) & (u % COARSE == 0)
+    extent = extents(X_cam[some_pixels], of[some_pixels], len(number))
+    return HeldBy(most, pixels[at] * np.square(camera.mm_per_px(mean[at, 2])), mean[at], extent[at])
+
+
+def extents(
+    X_cam: Float[np.ndarray, "points 3"], of: Int[np.ndarray, "points"], count: int
+) -> Float[np.ndarray, "count"]:
+    """How far the points [mm] of each set reach in the one of 13 directions in which that is most; 0 without points."""
+    order = np.argsort(of, kind="stable")
+    there, first = np.unique(of[order], return_index=True)
+    extent = np.zeros(count)
+    if len(there):
+        along = (X_cam @ DIRECTIONS.T)[order]
+        reach = np.maximum.reduceat(along, first) - np.minimum.reduceat(along, first)
+        extent[there] = reach.max(axis=1)
+    return extent

@@ -12,6 +12,7 @@ from itree_jax.sensing.bundled import bundled_sensor
 from itree_jax.sensing.depth_steps import depth_noise, depth_step_limit
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.regions import NO_REGION, regions
+from itree_jax.sensing.slant_limit import detectable, slants
 
 SIZE = 60
 UPWARD = np.array([0.0, 0.0, -1.0])
@@ -184,3 +185,60 @@ def test_no_region_at_all():
 def test_sizes_that_differ_are_refused(shape, depth_shape, message):
     with pytest.raises(ItreeError, match=message):
         regions(needles(np.ones(shape, bool)), np.ones(depth_shape), orthographic())
+
+
+def test_no_region_is_lit_in_part():
+    """A face that touches a dark wall, level with it and facing as it does, and one that crosses a corner to another."""
+    lit = np.zeros((SIZE, SIZE), bool)
+    lit[10:40, 20:30], lit[40:50, 30:40] = True, True
+    everywhere, depth = needles(np.ones((SIZE, SIZE), bool)), np.full((SIZE, SIZE), 490.0, np.float32)
+    for z in (depth, None):
+        assert regions(everywhere, z, orthographic()).count == 1
+        found = regions(everywhere, z, orthographic(), lit=lit)
+        assert found.count == 2
+        for k in range(found.count):
+            assert len(np.unique(lit[found.mask(k)])) == 1
+        assert sorted(found.area_px) == [400, SIZE**2 - 400]
+
+
+def noisy_plane(slant, noise, rng):
+    """Needles of a plane tilted about the image's rows [rad], with noise [rad] of each of its angles."""
+    tilt, turn = slant + rng.normal(0.0, noise, (SIZE, SIZE)), rng.normal(0.0, noise, (SIZE, SIZE))
+    normals = np.stack([np.sin(turn), np.sin(tilt) * np.cos(turn), -np.cos(tilt) * np.cos(turn)], axis=-1)
+    everywhere = np.ones((SIZE, SIZE), bool)
+    return needles(everywhere, normals)._replace(normal_std=np.full((SIZE, SIZE), noise * np.sqrt(2.0), np.float32))
+
+
+@pytest.mark.parametrize(("beside_deg", "seen"), [(-1.5, True), (1.5, False)])
+def test_noise_does_not_decide_about_the_pixels_of_a_face_near_the_slant_limit(beside_deg, seen):
+    sensor, noise = orthographic(), np.radians(3.0)
+    slant = sensor.slant_limit + np.radians(beside_deg)
+    needle = noisy_plane(slant, noise, np.random.default_rng(4))
+    alone = np.degrees(slants(needle.normals, sensor) - sensor.slant_limit) < 0.0
+    assert 0.2 < alone.mean() < 0.8  # each for itself: a sieve
+    assert (detectable(needle, sensor) == seen).mean() > 0.97
+    exact = noisy_plane(slant, 0.0, np.random.default_rng(4))
+    assert (detectable(exact, sensor) == seen).all()
+
+
+def test_a_needle_that_is_sure_of_its_slant_is_not_asked_about_its_neighbours():
+    sensor = orthographic()
+    normals = np.tile(UPWARD, (SIZE, SIZE, 1))
+    steep = sensor.slant_limit + np.radians(10.0)
+    normals[:, 30:] = 0.0, np.sin(steep), -np.cos(steep)
+    crease = needles(np.ones((SIZE, SIZE), bool), normals)._replace(
+        normal_std=np.full((SIZE, SIZE), np.radians(1.0), np.float32)
+    )
+    np.testing.assert_array_equal(detectable(crease, sensor), np.arange(SIZE) < np.full((SIZE, 1), 30))
+
+
+def test_slants_are_angles_to_each_pixel_s_own_line_of_sight():
+    """Of a sphere's needles as of a plane's; half needles are slanted as whole ones, none is at a right angle."""
+    camera = Camera("pinhole", 100.0, 100.0, (SIZE - 1) / 2, (SIZE - 1) / 2, SIZE, SIZE)
+    sensor = replace(bundled_sensor("ikeuchi-1987"), camera=camera)
+    v, u = np.indices((SIZE, SIZE))
+    rays = camera.viewing_ray(np.stack([u, v], axis=-1).reshape(-1, 2).astype(float)).reshape(SIZE, SIZE, 3)
+    np.testing.assert_allclose(slants(-0.5 * rays.astype(np.float32), sensor), 0.0, atol=1e-3)
+    flat = np.tile(UPWARD, (SIZE, SIZE, 1)).astype(np.float32)
+    np.testing.assert_allclose(slants(flat, sensor), np.arccos(rays[..., 2]), atol=1e-3)
+    np.testing.assert_allclose(slants(0.0 * flat, sensor), np.pi / 2)

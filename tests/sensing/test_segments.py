@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from itree_jax.sensing.bundled import bundled_sensor
-from itree_jax.sensing.segments import depth_segments, faces_of_segments, held_by
+from itree_jax.sensing.segments import depth_segments, extents, faces_of_segments, held_by
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +100,25 @@ def test_a_region_on_no_segment_stands_for_itself(sensor):
     own = sensor.camera.unproject(np.stack([u, v], axis=-1).astype(float), depth[v, u])
     np.testing.assert_allclose(found.centre[0], own.mean(axis=0))
     assert found.area_mm2[0] == pytest.approx(len(v) * sensor.camera.mm_per_px(own[:, 2].mean()) ** 2)
+
+
+def test_no_extent_is_more_than_the_points_are_apart_and_none_is_much_less():
+    """Of two points it is their distance, less the cosine of their angle to the nearest of the directions."""
+    rng = np.random.default_rng(8)
+    pairs = rng.normal(size=(500, 2, 3)) * rng.uniform(1.0, 100.0, size=(500, 1, 1))
+    apart = np.linalg.norm(pairs[:, 0] - pairs[:, 1], axis=-1)
+    of, order = np.repeat(np.arange(500), 2), rng.permutation(1000)
+    found = extents(pairs.reshape(-1, 3)[order], of[order], 501)
+    assert (found[:500] <= apart * (1.0 + 1e-9)).all()
+    assert (found[:500] >= apart * np.cos(np.radians(28.0))).all()
+    assert found[500] == 0.0
+    assert extents(np.zeros((0, 3)), np.zeros(0, int), 2).tolist() == [0.0, 0.0]
+
+
+def test_a_region_is_held_by_all_that_reaches_as_far_as_its_segment(sensor):
+    depth = np.zeros((60, 80), np.float32)
+    depth[20:31, 10:71] = sensor.working_distance
+    labels = np.full(depth.shape, -1)
+    labels[22:26, 20:30] = 0
+    size = sensor.camera.mm_per_px(sensor.working_distance)
+    assert held_by(labels, depth, sensor).extent_mm[0] == pytest.approx(60 * size, rel=0.05)
