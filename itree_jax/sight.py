@@ -144,21 +144,26 @@ def look_with_two(
     Depth where no needle leads is a block matcher's: good enough to see and to lead rough poses, too soft at steps for
     a pose to be judged by.
     """
-    stereo = dual_photometric_stereo(images, sensor, second, responses[0])
+
+    def each_alone() -> tuple[NeedleMap, SceneEdges, NeedleMap, ObservedMaps]:
+        needle = read_needles(images, sensor, None, responses[0])
+        other = read_needles(second.images, second.sensor, None, responses[1])
+        beside = observe_images(
+            second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
+            scene_edges(second.images, second.sensor, other),
+        )  # fmt: skip
+        return needle, scene_edges(images, sensor, needle), other, beside
+
+    stereo, (needle, edges, other, beside) = at_once(
+        lambda: dual_photometric_stereo(images, sensor, second, responses[0]), each_alone
+    )
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
-    needle = read_needles(images, sensor, None, responses[0])
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
     lit = lit_by_any(images, sensor, needle)
     found, dark = by_light(regions(placed, depth, sensor, R_w2c, lit=lit), lit)
-    edges = scene_edges(images, sensor, needle)
     observed = observe_images(images, sensor, needle, away_from_steps(depth, sensor), edges)
     soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
     coarse = observed._replace(depth=on_device(soft, np.float32))
-    other = read_needles(second.images, second.sensor, None, responses[1])
-    beside = observe_images(
-        second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
-        scene_edges(second.images, second.sensor, other),
-    )  # fmt: skip
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
         found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
-from itree_kernels.pose_descent import descend, descent_kernel, gates_on_device, in_one_launch
+from itree_kernels.pose_descent import descend, descent_kernel, gates_on_device, in_one_launch, view_of
 from itree_kernels.pose_equations import MovedPoses, equations_kernel, gates_of, row_sums, sum_rows
 from itree_kernels.pose_step import follow, spreads_of, step, step_kernel
 from itree_kernels.scene_maps import SeenBy
@@ -166,10 +166,11 @@ def _refine_stage(
     if in_one_launch(views, device):
         kernel: Any = descent_kernel
         load_kernel(kernel, device)
-        steps = gates_on_device(gates, rest, device)
+        steps, farthest = gates_on_device(gates, rest, device), FARTHEST * stride
+        cameras = [view_of(*one) for one in zip(views, casts, seen, there, strict=True)]
 
         def descend_some(first: int, last: int) -> None:
-            descend(pose, seen[0], rays[0], casts[0], views[0], *steps, spreads, turns, FARTHEST, first, last, sums)
+            descend(pose, cameras, rays[0], *steps, spreads, turns, farthest, first, last, sums)
 
         launch_in_chunks(descend_some, count, work, device, CHUNKS)
         return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from itree_jax.batches import on_all_cores
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.noise_model import intensity_std
@@ -134,9 +135,11 @@ def match_windows(
     """
     disparity = pair.disparity(z)
     steps = np.linspace(-reach, reach, 17)
-    cost = np.stack([
-        cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW)) for step in steps
-    ])
+
+    def moved(step: float) -> Float[np.ndarray, "height width"]:
+        return cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW))
+
+    cost = np.stack(on_all_cores(moved, steps))
     cost += noise_of_window(pair, interpretable) * np.square(steps / reach)[:, None, None]
     place, _, bend = lowest_point(cost, steps)
     bend = bend / (steps[1] - steps[0]) ** 2

@@ -1,4 +1,5 @@
-"""All steps of a pose under one camera by one thread: what a CPU does in one launch, a GPU in five a step.
+"""All steps of a pose under one camera or two by one thread: what a CPU does in one launch, a GPU in five a step and
+camera.
 
 A launch costs some ten microseconds of Python, under its lock; a step of a few small windows costs less.
 """
@@ -18,12 +19,47 @@ from itree_kernels.raster import room_for_vertices
 from itree_kernels.scene_maps import SceneMaps, SeenBy
 from itree_kernels.windows import Casting, Rays, WindowArrays, Windows, cast_window
 
+MOST_CAMERAS = 2
+
+
+@wp.struct
+class View:
+    """A camera: how rays are cast for it, what it saw, and the windows and poses in its frame."""
+
+    rays: Casting
+    maps: SceneMaps
+    seen: WindowArrays
+    R_camera_first: wp.mat33
+    t_camera_first: wp.vec3
+    R_view_obj: wp.array(dtype=wp.mat33)
+    t_view_obj: wp.array(dtype=wp.vec3)
+
+
+@wp.func
+def sum_view(
+    view: View, number: int, gates: Gates, reach: float, farthest: float, h: int, R_cam_obj: wp.array(dtype=wp.mat33),
+    t_cam_obj: wp.array(dtype=wp.vec3), projected: wp.array(dtype=wp.vec3), sums: RowSums,
+):
+    """The sums of a pose's window as a camera sees it, rays cast again where it has moved `farthest` [px]."""
+    follow_pose(
+        R_cam_obj[h], t_cam_obj[h], view.R_camera_first, view.t_camera_first, view.rays.camera, view.rays.orthographic,
+        reach, farthest, h, view.R_view_obj, view.t_view_obj, view.seen,
+    )
+    if view.seen.stale[h] == 1:
+        cast_window(view.rays, view.seen, projected, h)
+    for i in range(view.seen.depth.shape[1]):
+        sum_row(
+            view.R_view_obj[h], view.t_view_obj[h], view.seen, view.rays.normals_obj, view.maps, view.rays.camera,
+            view.rays.orthographic, gates, number, h, i, sums,
+        )
+
 
 @wp.kernel(enable_backward=False)
 def descent_kernel(
     # In:
-    rays: Casting,
-    maps: SceneMaps,
+    first_view: View,
+    second_view: View,
+    views: int,
     gates: wp.array(dtype=Gates),
     rest: wp.array(dtype=float),
     spreads: Spreads,
@@ -36,33 +72,25 @@ def descent_kernel(
     t_cam_obj: wp.array(dtype=wp.vec3),
     moving: wp.array(dtype=int),
     # Between:
-    seen: WindowArrays,
     projected: wp.array(dtype=wp.vec3),
     sums: RowSums,
 ):
     h = first + wp.tid()
     for k in range(gates.shape[0]):
         if moving[h] == 1:
-            follow_pose(
-                R_cam_obj[h], t_cam_obj[h], R_camera_first[0], wp.vec3(), rays.camera, rays.orthographic, reach,
-                wp.where(k == 0, -1.0, farthest), h, R_cam_obj, t_cam_obj, seen,
-            )
-            if seen.stale[h] == 1:
-                cast_window(rays, seen, projected, h)
-            for i in range(seen.depth.shape[1]):
-                sum_row(
-                    R_cam_obj[h], t_cam_obj[h], seen, rays.normals_obj, maps, rays.camera, rays.orthographic, gates[k],
-                    0, h, i, sums,
-                )
+            far = wp.where(k == 0, -1.0, farthest)
+            sum_view(first_view, 0, gates[k], reach, far, h, R_cam_obj, t_cam_obj, projected, sums)
+            if views > 1:
+                sum_view(second_view, 1, gates[k], reach, far, h, R_cam_obj, t_cam_obj, projected, sums)
             move_pose(
-                sums, spreads, R_camera_first, rays.camera, rays.orthographic, reach, rest[k], h, R_cam_obj, t_cam_obj,
-                moving,
+                sums, spreads, R_camera_first, first_view.rays.camera, first_view.rays.orthographic, reach, rest[k], h,
+                R_cam_obj, t_cam_obj, moving,
             )
 
 
 def in_one_launch(by: Sequence[SeenBy], device: str) -> bool:
-    """Whether `descend` may be asked: on a CPU, for the single camera in whose frame the poses are."""
-    return device == "cpu" and len(by) == 1
+    """Whether `descend` may be asked: on a CPU, for one camera or two; the first is that whose frame poses are in."""
+    return device == "cpu" and len(by) <= MOST_CAMERAS
 
 
 def gates_on_device(gates: Sequence[Any], rest: Sequence[float], device: str) -> tuple[wp.array, wp.array]:
@@ -70,18 +98,29 @@ def gates_on_device(gates: Sequence[Any], rest: Sequence[float], device: str) ->
     return wp.array(list(gates), dtype=Gates, device=device), wp.array(list(rest), dtype=float, device=device)
 
 
+def view_of(by: SeenBy, cast: Any, seen: Windows, there: MovedPoses) -> Any:
+    """A camera as `descend` takes it. `cast`: what rays are for these windows (`Rays.into`); `there`: room for the
+    poses in its frame, the poses themselves for the first camera.
+    """
+    view = View()
+    view.rays, view.maps, view.seen = cast, by.maps, seen.arrays
+    view.R_camera_first, view.t_camera_first = wp.mat33(by.R_camera_first), wp.vec3(by.t_camera_first)
+    view.R_view_obj, view.t_view_obj = there.R_cam_obj, there.t_cam_obj
+    return view
+
+
 def descend(
-    pose: MovedPoses, seen: Windows, rays: Rays, cast: Any, by: SeenBy, gates: wp.array, rest: wp.array, spreads: Any,
+    pose: MovedPoses, views: Sequence[Any], rays: Rays, gates: wp.array, rest: wp.array, spreads: Any,
     R_camera_first: wp.array, farthest: float, first: int, last: int, sums: Any,
 ) -> None:
     """Moves poses first .. last - 1 by a step for each of the `gates`, as `follow`, `Rays.cast`, `sum_rows` and `step`
-    do it one after the other. `cast`: what `rays` are for these windows (`Rays.into`); `farthest` [window px].
+    do it one after the other. `views`: see `view_of`; `farthest` [px].
     """
     wp.launch(
         descent_kernel, dim=last - first,
         inputs=[
-            cast, by.maps, gates, rest, spreads, R_camera_first, rays.reach, farthest * seen.stride, first,
+            views[0], views[-1], len(views), gates, rest, spreads, R_camera_first, rays.reach, farthest, first,
         ],
-        outputs=[pose.R_cam_obj, pose.t_cam_obj, pose.moving, seen.arrays, room_for_vertices(rays.mesh), sums],
-        device=seen.device,
+        outputs=[pose.R_cam_obj, pose.t_cam_obj, pose.moving, room_for_vertices(rays.mesh), sums],
+        device=pose.moving.device,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.mesh import RayMesh
 from itree_kernels.raster import fill_window, fills, room_for_vertices
 from itree_kernels.rays import camera_vector, ray_direction, ray_origin, surface_point
-from itree_kernels.rim import ENDS, GOES_ON, rim_between
+from itree_kernels.rim import BENDS, ENDS, GOES_ON, bend_between, rim_between
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel
 
@@ -160,10 +160,22 @@ def cast_pixel(rays: Casting, seen: WindowArrays, h: int, i: int, j: int):
 @wp.func
 def crease_between(
     mesh: wp.uint64, R: wp.mat33, t: wp.vec3, camera: wp.vec4, orthographic: int, near: float, jump: float,
-    bisections: int, crease: float, normal_obj: wp.array(dtype=wp.vec3), a: int, b: int, za: float, zb: float,
-    ua: wp.vec2, ub: wp.vec2,
+    bisections: int, crease: float, a: int, b: int, za: float, zb: float, ua: wp.vec2, ub: wp.vec2,
+    vertices: wp.array(dtype=wp.vec3), corners: wp.array(dtype=int), across_edge: wp.array(dtype=int),
+    normal_obj: wp.array(dtype=wp.vec3),
 ):
-    """(image point [px], z [mm]) of the crease between two pixels of one surface; z = 0 where it only bends."""
+    """(image point [px], z [mm]) of the crease between two pixels of one surface; z = 0 where it only bends.
+
+    Of a closed mesh it is walked to, if it is not taken to lie halfway; where the walk is lost, and of an open mesh,
+    rays halve the way.
+    """
+    if across_edge.shape[0] > 0 and bisections != HALFWAY:
+        beside = 0.5 / float(1 << bisections)
+        said, uv, z, this_side, that_side = bend_between(
+            vertices, corners, across_edge, normal_obj, R, t, camera, orthographic, a, b, ua, ub, beside
+        )
+        if said == BENDS:
+            return uv, wp.where(wp.dot(normal_obj[this_side], normal_obj[that_side]) < crease, z, 0.0)
     reach = wp.abs(za - zb) + jump
     for _ in range(bisections):
         middle = 0.5 * (ua + ub)
@@ -290,7 +302,8 @@ def look_for_contours(rays: Casting, seen: WindowArrays, h: int, i: int):
                         # one surface that turns: its crease is where the normal changes sides
                         uv, z = crease_between(
                             rays.mesh, R, t, rays.camera, rays.orthographic, rays.near, rays.jump, rays.bisections,
-                            rays.crease, rays.normals_obj, a, b, za, zb, ua, ub,
+                            rays.crease, a, b, za, zb, ua, ub, rays.vertices, rays.corners, rays.across_edge,
+                            rays.normals_obj,
                         )
                     if z > 0.0:
                         uv_out[j] = uv

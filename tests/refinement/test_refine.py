@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from itree_jax.refinement import optimise
 from itree_jax.refinement.optimise import (
     Hypotheses,
+    OtherView,
     Stage,
     refine,
     window_origins,
@@ -275,22 +276,29 @@ def test_no_steps_are_refused(bracket):
         refine(Hypotheses(R[None], t[None]), bracket, maps, PINHOLE, DEVIATIONS, [], JUMP)
 
 
+@pytest.mark.parametrize("cameras", [1, 2])
 @pytest.mark.parametrize("stage", [
     Stage(6, 64, (2.0, 2.0), (0.4, 0.4), (4.0, 4.0)), Stage(3, 24, (12.0, 4.0), (1.0, 0.6), (9.0, 5.0), contour=False),
 ])  # fmt: skip
-def test_one_launch_moves_poses_as_the_steps_do_one_after_the_other(monkeypatch, bracket, stage):
+def test_one_launch_moves_poses_as_the_steps_do_one_after_the_other(monkeypatch, bracket, stage, cameras):
     """To the last bit: those that rest, those whose rays are cast again, and those that see nothing."""
     R, t = ATTITUDES[1], centred(bracket, ATTITUDES[1])
     maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
+    R_other, t_other = Rotation.from_euler("y", 12.0, degrees=True).as_matrix(), np.array([-120.0, 4.0, 20.0])
+    there = seen(bracket, R_other @ R, R_other @ t + t_other).maps
+    others = [OtherView(there, PINHOLE, R_other, t_other)][: cameras - 1]
     near, far = perturbed(R, t, 5, 1.0, 0.5, 3), perturbed(R, t, 5, 12.0, 9.0, 4)
     start = Hypotheses(*(np.concatenate(both) for both in zip(near, far, strict=True)))
     start.t_cam_obj[-1] += [4000.0, 0.0, 0.0]
 
     def found() -> Hypotheses:
-        return refine(start, bracket, maps, PINHOLE, DEVIATIONS, [stage], JUMP)
+        return refine(start, bracket, maps, PINHOLE, DEVIATIONS, [stage], JUMP, others, crease=np.radians(25.0))
 
     by_one = found()
     monkeypatch.setattr(optimise, "in_one_launch", lambda by, device: False)
     for one, other in zip(by_one, found(), strict=True):
         np.testing.assert_array_equal(one, other)
     assert np.abs(by_one.t_cam_obj - start.t_cam_obj)[:-1].max(axis=1).min() > 0.1
+    if others:
+        alone = refine(start, bracket, maps, PINHOLE, DEVIATIONS, [stage], JUMP, crease=np.radians(25.0))
+        assert (alone.t_cam_obj != by_one.t_cam_obj).any()

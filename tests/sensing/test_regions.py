@@ -188,7 +188,7 @@ def test_sizes_that_differ_are_refused(shape, depth_shape, message):
 
 
 def test_no_region_is_lit_in_part():
-    """A face that touches a dark wall, level with it and facing as it does, and one that crosses a corner to another."""
+    """Nor where a face lies level with a dark wall and faces as it does, nor across a corner."""
     lit = np.zeros((SIZE, SIZE), bool)
     lit[10:40, 20:30], lit[40:50, 30:40] = True, True
     everywhere, depth = needles(np.ones((SIZE, SIZE), bool)), np.full((SIZE, SIZE), 490.0, np.float32)
