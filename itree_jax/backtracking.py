@@ -16,6 +16,7 @@ from itree_jax.answers import Interpretation
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.schedule import STEEPEST_SEEN
 from itree_jax.sensing.depth_needles import depth_needles
+from itree_jax.sensing.folded_regions import parted_at_folds
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.regions import Regions, added, regions
 from itree_jax.sensing.segments import depth_segments, faces_of_segments
@@ -63,11 +64,12 @@ def likeliest(hypotheses: RegionHypotheses, mass: float) -> RegionHypotheses:
     return hypotheses.take(np.sort(np.concatenate(kept)))
 
 
-def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
+def left_over(sight: Sight, answers: list[Interpretation], longest: float = np.inf) -> Sight | None:
     """The sight without what accepted poses explain; None if no region is left.
 
     Where there is a depth map, surface that a light reaches and no needle tells about makes regions too, by the depth's
-    own normals; where there is none, needles past the slant limit do (`with_steep`).
+    own normals; where there is none, needles past the slant limit do (`with_steep`). `longest` [mm]: see
+    `Sight.parted`.
     """
     known = explained(answers, sight)
     free = ~known if sight.lit is None else ~known & sight.lit
@@ -84,6 +86,7 @@ def left_over(sight: Sight, answers: list[Interpretation]) -> Sight | None:
         found = added(found, labels, normals.normals, depth, sight.sensor, sight.R_w2c)
         fill = (found.labels >= 0) & ~np.asarray(needle.interpretable)
         needle = needle._replace(normals=np.where(fill[..., None], normals.normals, np.asarray(needle.normals)))
+        found = parted_at_folds(found, np.asarray(needle.normals), depth, sight.sensor, longest, sight.R_w2c)
     return sight.of(somewhere(found, sight), needle, depth, segments) if found.count else None
 
 

@@ -14,6 +14,7 @@ from itree_jax.batches import on_all_cores
 from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
+from itree_jax.sensing.folded_regions import LONGER
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.shown_surface import ends, facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
@@ -22,7 +23,6 @@ from itree_jax.split_region import pieces_of
 LEAST_OPEN = 0.5  # of the usual area of the part's regions: smaller places aren't worth every attitude
 LEAST_FACING = 0.25  # of a region's area: an attitude 15 degrees off shows a steep face at a fraction of its size
 NEARLY_OPEN = 0.06  # of the diameter: a third of the dome's step, as far apart as attitudes of it need to be
-LONGER = 0.05  # than a part: a depth map's noise at both ends of it, and of a pixel
 GRAZING = 0.1  # cosine: along a steeper face nothing is moved farther than along this one
 MOST_OPEN = 8  # places at which every attitude is asked for, the largest first
 

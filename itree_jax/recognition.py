@@ -137,7 +137,7 @@ def read_scene(
     the light between them, and searches deeper where nothing was; or reads no more than the highest regions, if that is
     enough for so many `picks`. Returns all hypotheses with their verdicts, and what was seen.
     """
-    sight = look(images, sensor, depth, R_w2c, second)
+    sight = look(images, sensor, depth, R_w2c, second).parted(longest(forest))
     asked = ask(forest, images, sight)
     topmost = None if picks is None else read_topmost(forest, sight, asked, picks)
     if topmost is not None:
@@ -147,6 +147,11 @@ def read_scene(
     images, sight = look_again(images, sensor, depth, R_w2c, second, sight, answers)
     again = answers if sight is before else compete([seen_again(a, sight) for a in answers], sight)
     return exact(settled(search_deeper(forest, images, sight, again), sight), sight), sight
+
+
+def longest(forest: PreparedForest) -> float:
+    """Diameter [mm] of the largest part."""
+    return max(prepared.model.diameter for prepared in forest.trees)
 
 
 def look_again(
@@ -190,7 +195,8 @@ def search_deeper(
     """Backtracking: what the accepted poses leave unexplained is read again, with all attitudes open; at last also
     where two lights reach, and where no needles are.
     """
-    for rest_of in (left_over, partial(by_two_lights, which=0), partial(by_two_lights, which=1), unread):
+    left = partial(left_over, longest=longest(forest))
+    for rest_of in (left, partial(by_two_lights, which=0), partial(by_two_lights, which=1), unread):
         rest = rest_of(sight, answers)
         if rest is not None:
             answers = compete([*answers, *read(forest, rest, ask(forest, images, rest), DEEP)], sight)

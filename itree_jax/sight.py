@@ -11,12 +11,13 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.batches import at_once
 from itree_jax.kept_functions import on_device
-from itree_jax.refinement.observed import ObservedMaps, observe, observe_with_edges, seen_by
+from itree_jax.refinement.observed import NO_PART, ObservedMaps, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
 from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.edges import SceneEdges, scene_edges
+from itree_jax.sensing.folded_regions import parted_at_folds
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import corrected, first_needles, read_needles
@@ -49,7 +50,7 @@ class Sight:
     crease: float | None = None  # [rad] from which on creases of the model are contours too
     depth: Float[np.ndarray, "height width"] | None = None  # [mm] that regions are placed by, 0 = none
     soft_depth: Float[np.ndarray, "height width"] | None = None  # [mm] also where two cameras only matched windows
-    coarse: ObservedMaps | None = None  # what rough poses are held against: the soft depth is good enough for them
+    coarse: ObservedMaps | None = None  # what rough poses are held against: soft depth is good enough, floor is none
     faces_told: bool = True  # regions' needles tell which way they face
     edges: SceneEdges | None = None  # that part regions where there is no depth, or a soft one
     R_w2c: Float[np.ndarray, "3 3"] | None = None
@@ -83,6 +84,16 @@ class Sight:
         alone = depth is None
         held = by_themselves(found, self.sensor) if alone else held_by(found.labels, depth, self.sensor, segments)
         return replace(self, found=found, needle=needle, held=held)
+
+    def parted(self, longest: float) -> "Sight":
+        """The same scene, regions of several parts cut at folds where a depth map tells that they are; `longest` [mm]:
+        the diameter of the largest part.
+        """
+        if self.kind != "depth" or self.depth is None:
+            return self
+        normals = np.asarray(self.needle.normals)
+        found = parted_at_folds(self.found, normals, self.depth, self.sensor, longest, self.R_w2c)
+        return self if found is self.found else self.of(found, self.needle, self.depth)
 
     def plan(self, diameter: float, spacing: float) -> Schedule:
         """The rounds of refinement for a part of this diameter [mm] and a dome of this spacing [rad]."""
@@ -129,6 +140,7 @@ def look(
     (found, dark, held), observed = at_once(found_and_held, seen)
     return Sight(
         found, needle, observed, held, noise, sensor, depth=depth, R_w2c=R_w2c, of_depth=of_depth, lit=lit, dark=dark,
+        coarse=None if lit is None else without_dark(observed, needle, lit),
     )
 
 
@@ -164,6 +176,7 @@ def look_with_two(
     observed = observe_images(images, sensor, needle, away_from_steps(depth, sensor), edges)
     soft = np.where((depth == 0.0) & (lit is None or lit), stereo.depth, depth)
     coarse = observed._replace(depth=on_device(soft, np.float32))
+    coarse = coarse if lit is None else without_dark(coarse, needle, lit)
     view = OtherView(beside, second.sensor.camera, second.R_second_first, second.t_second_first)
     return Sight(
         found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,
@@ -259,6 +272,19 @@ def with_shading(
     shading = np.moveaxis(images / (albedo * sensor.light_intensities[:, None, None]), 0, -1)
     return observed._replace(
         shading=on_device(shading, np.float32), light_directions=on_device(sensor.light_directions, np.float32)
+    )
+
+
+def without_dark(
+    observed: ObservedMaps, needle: NeedleMap, lit: Bool[np.ndarray, "height width"]
+) -> ObservedMaps:
+    """What rough poses are held against: a surface that three lights reach and none shows is bin or floor. Rough poses
+    are off by as much as flat parts are high, and would agree with what these lie on. Later rounds tell that by depth,
+    and leave open what casts dark shadows on parts.
+    """
+    dark = np.asarray(needle.interpretable) & ~lit
+    return observed._replace(
+        needle_weight=on_device(np.where(dark, NO_PART, np.asarray(observed.needle_weight)), np.float32)
     )
 
 

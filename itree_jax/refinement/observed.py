@@ -13,6 +13,7 @@ from itree_jax.kept_functions import on_device
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
 from itree_jax.sensing.needle import Array
 
+NO_PART = -1.0
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
 EDGE_DEPTH_REACH = 3  # [px]: an edge's own pixels mix two surfaces, and needles end there
 EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over so much (pixel steps are 90 degrees)
@@ -23,7 +24,7 @@ class ObservedMaps(NamedTuple):
 
     depth: Float[Array, "height width"]  # z [mm]
     normals: Float[Array, "height width 3"]  # camera frame
-    needle_weight: Float[Array, "height width"]  # 0..1, 0 where uninterpretable
+    needle_weight: Float[Array, "height width"]  # 0..1, 0 where uninterpretable; `NO_PART`: told to be no part's
     edge_label: Int[Array, "height2 width2"]  # nearest occluding edge point of each half pixel
     edge_uv: Float[Array, "edges 2"]  # [px]
     edge_normal: Float[Array, "edges 2"]  # unit, from the near to the far side

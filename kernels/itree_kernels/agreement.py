@@ -92,7 +92,7 @@ def pixel_verdict(maps: SceneMaps, row: int, column: int, depth: float, normal: 
         across = (z - depth) * wp.max(wp.abs(normal[2]), STEEPEST)
         if across <= -limits.depth:
             pixel[4] = 1.0
-        elif across >= limits.depth or (believed > 0.0 and not same):
+        elif across >= limits.depth or believed < 0.0 or (believed > 0.0 and not same):
             pixel[3] = 1.0
         else:
             pixel[0] = 1.0

@@ -120,7 +120,8 @@ def sum_row(
             if column >= 0 and column < width and row >= 0 and row < height:
                 normal = R * normal_obj[face]
                 z = maps.depth[row, column]
-                if z > 0.0:
+                believed = maps.needle_weight[row, column]
+                if z > 0.0 and believed >= 0.0:
                     X_seen = point_seen(float(column), float(row), z, camera, per_f, orthographic)
                     residual = wp.dot(normal, X_seen - X)
                     per_variance = 1.0 / variance_across(normal, X, gates.grazing, orthographic)
@@ -130,7 +131,6 @@ def sum_row(
                         depth_count += w
                         depth_hessian += wp.outer(w * J, J)
                         depth_gradient += (w * residual) * J
-                believed = maps.needle_weight[row, column]
                 if believed > 0.0 and (z <= 0.0 or wp.abs(z - X[2]) < gates.depth):
                     differ = maps.normals[row, column] - normal
                     w = believed * tukey(wp.length_sq(differ) * per_needle)

@@ -16,7 +16,9 @@ from itree_kernels.camera import Camera
 
 @wp.struct
 class SceneMaps:
-    """Maps of one image. Depth is 0 where there is none, a needle's weight where it is uninterpretable."""
+    """Maps of one image. Depth is 0 where there is none, a needle's weight where it is uninterpretable; less than 0
+    where what is seen is told to be no part's.
+    """
 
     depth: wp.array2d(dtype=float)  # z [mm]
     normals: wp.array2d(dtype=wp.vec3)  # camera frame
