@@ -14,8 +14,8 @@ from itree_jax.batches import on_all_cores
 from itree_jax.open_attitudes import all_attitudes
 from itree_jax.prepared import Prepared
 from itree_jax.refinement.hypotheses import RegionHypotheses
-from itree_jax.sensing.folded_regions import LONGER
 from itree_jax.refinement.optimise import Hypotheses
+from itree_jax.sensing.folded_regions import LONGER
 from itree_jax.shown_surface import ends, facing, middle_of_all, turns_onto
 from itree_jax.sight import Sight
 from itree_jax.split_region import pieces_of

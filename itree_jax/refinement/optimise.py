@@ -31,6 +31,7 @@ from itree_jax.sensing.needle import Array
 TRIANGLE_BATCH = 4096  # so that parts of like size share what is compiled
 REST = 0.01  # [px] that a pose's rim moves in a step: what is left of the way is no longer than twice that (tested)
 CHUNKS = 2  # of the windows for each thread: with more, launching takes longer than waiting for the last one
+SLIDES = 0.5  # [px] of its rim: a pose that a step moves so far is drawn along a face by its end, with no end in sight
 FARTHEST = 1.0  # [window px] that a pose's rim may move before rays are cast again
 
 
@@ -96,6 +97,7 @@ class Stage:
     needle_gate: tuple[float, float]
     contour_gate: tuple[float, float]
     contour: bool = True  # False: no contours are looked for, which halves the time of a rough stage
+    more: int = 0  # steps at the last gates, for poses that slide: which the step before moved by more than `SLIDES`
 
 
 def window_stride(camera: Camera, reach: float, depth: float, size: int) -> int:
@@ -176,7 +178,7 @@ def _refine_stage(
         return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
     def refine_some(first: int, last: int) -> None:
-        for k in range(stage.steps):
+        for k in range(steps_of(stage)):
             for view, by in enumerate(views):
                 follow(pose, there[view], by, seen[view], model.reach, FARTHEST if k else None, first, last)
                 if any_stale(seen[view], first, last):
@@ -193,14 +195,21 @@ def _refine_stage(
     return pose.R_cam_obj.numpy(), pose.t_cam_obj.numpy()
 
 
+def steps_of(stage: Stage) -> int:
+    """Of a pose that slides."""
+    return stage.steps + stage.more
+
+
 def gates_of_steps(stage: Stage, grazing: float) -> tuple[list[Any], list[float]]:
     """Of every step: its gates, and how little [px] a pose's rim moves by that has come to rest: none does while gates
     fall.
     """
     ends = stage.depth_gate, stage.needle_gate, stage.contour_gate
-    gates = [[ramp(gate, k, stage.steps) for gate in ends] for k in range(stage.steps)]
+    gates = [[ramp(gate, min(k, stage.steps - 1), stage.steps) for gate in ends] for k in range(steps_of(stage))]
     at_last = [float(last) for _, last in ends]
     rest = [REST if gate == at_last else 0.0 for gate in gates]
+    if stage.more:
+        rest[stage.steps - 1 :] = [SLIDES] * (stage.more + 1)
     return [gates_of(depth, needle, contour, grazing) for depth, needle, contour in gates], rest
 
 

@@ -31,6 +31,7 @@ LAST_SIGMAS = 3.0  # at the end: what a pixel is off by more is a part that lean
 # none had less of its region's best (experiments/beam_margins.py: 0.23 and more; turned poses, which compete with one
 # that agrees already, 0.55, after the first round 0.17).
 READ_BEHIND, TURNED_BEHIND, TURNED_ROUGHLY_BEHIND = 0.2, 0.4, 0.1
+MORE = 8  # steps of a pose that slides: a contour farther off than its gate draws none, a nearer one a share of the way
 DEPTH_EDGE_GATE = 4.0  # [px] at the last step: a depth map has outlines alone, far apart
 IMAGE_EDGE_GATE = 1.5  # [px]: three deviations; images have edges of textures and other parts a few pixels away
 
@@ -90,7 +91,7 @@ def schedule(
     read, turned_rough, turned_fine = (
         (READ_BEHIND, TURNED_ROUGHLY_BEHIND, TURNED_BEHIND) if edge == 0.0 else (None, None, None)
     )
-    middle_steps, fine_steps = (5, 4) if edge == 0.0 else (7, 6)
+    middle_steps, fine_steps, more = (5, 4, MORE) if edge == 0.0 else (7, 6, 0)
     polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
     rounds = (
         Round(
@@ -110,7 +111,7 @@ def schedule(
             read,
         ),
         Round(
-            Stage(fine_steps, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate)),
+            Stage(fine_steps, 48, (middle, 2.0 * fine), (0.6, 0.4), (middle / pitch, last_gate), more=more),
             2,
             tolerances(fine, np.radians(20.0), jump),
             read,
