@@ -92,7 +92,7 @@ def schedule(
         (READ_BEHIND, TURNED_ROUGHLY_BEHIND, TURNED_BEHIND) if edge == 0.0 else (None, None, None)
     )
     middle_steps, fine_steps, more = (5, 4, MORE) if edge == 0.0 else (7, 6, 0)
-    polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate))
+    polish = Stage(2, 96, (2.0 * fine, 2.0 * fine), (0.4, 0.4), (last_gate, last_gate), more=more)
     rounds = (
         Round(
             Stage(1, 16, (start, start), (1.0, 1.0), (1.0, 1.0), contour=False),
