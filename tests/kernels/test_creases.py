@@ -121,3 +121,46 @@ def test_a_surface_that_turns_by_less_has_none(angle, is_crease):
     uv, _ = inner(found)
     assert (len(uv) > 70) == is_crease
     assert np.abs(uv[:, 1] - 59.6).max(initial=0.0) < 0.25
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_of_a_closed_mesh_creases_are_where_they_are_to_rounding(camera):
+    """Walked to, not halved to."""
+    camera, R = CAMERAS[camera], Rotation.from_euler("xyz", (35, 30, 0), degrees=True).as_matrix()
+    uv, z = inner(contours(as_ray_mesh(trimesh.creation.box(SIZE)), R, camera, 3, CREASE))
+    edges = visible_creases(R, camera)
+    feet = [to_segment(uv, *camera.project(np.stack(ends))) for ends in edges]
+    distance = np.stack([d for d, _ in feet])
+    assert distance.min(axis=0).max() < 2e-3
+    nearest = distance.argmin(axis=0)
+    for k, ((a, b), (_, along)) in enumerate(zip(edges, feet, strict=True)):
+        share = along[nearest == k]
+        in_depth, in_inverse = (1.0 - share) * a[2] + share * b[2], 1.0 / ((1.0 - share) / a[2] + share / b[2])
+        assert np.abs(z[nearest == k] - (in_depth if camera.is_orthographic else in_inverse)).max() < 0.01
+
+
+FROM_THE_EDGE = np.array([[0.0, 0.0, 1.0], [-np.sqrt(0.5), np.sqrt(0.5), 0.0], [-np.sqrt(0.5), -np.sqrt(0.5), 0.0]])
+
+
+def rounded_bar(radius: float, steps: int) -> trimesh.Trimesh:
+    """A square bar along z, one of whose edges is rounded [mm] by so many facets."""
+    turn = np.linspace(0.0, np.pi / 2, steps + 1)
+    arc = 20.0 - radius + radius * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
+    outline = np.concatenate([arc, [[20.0, -20.0], [-20.0, -20.0], [-20.0, 20.0]]])
+    return trimesh.Trimesh(np.concatenate([np.column_stack([outline, np.full(len(outline), z)]) for z in (-25.0, 25.0)])
+                           ).convex_hull  # fmt: skip
+
+
+@pytest.mark.parametrize(("radius", "steps", "is_crease"), [
+    (0.05, 1, True), (0.05, 6, True), (0.05, 24, True), (12.0, 24, False), (12.0, 60, False), (2.0, 24, False),
+])  # fmt: skip
+def test_an_edge_is_a_crease_however_finely_it_is_rounded(radius, steps, is_crease):
+    """A rounding much narrower than a pixel; a wide one of many facets only bends."""
+    found = contours(as_ray_mesh(rounded_bar(radius, steps)), FROM_THE_EDGE, CAMERAS["orthographic"], 2, CREASE)
+    uv, _ = inner(found)
+    assert (found.triangle >= 0).sum() > 1000
+    if is_crease:
+        assert len(uv) > 20
+        assert np.abs(uv[:, 1] - CAMERAS["orthographic"].cy).max() < 0.25
+    else:
+        assert len(uv) == 0

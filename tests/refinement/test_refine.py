@@ -1,5 +1,7 @@
 """Refinement finds the pose on scenes without noise; hypotheses don't disturb each other; free directions are told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from itree_cad.bundled import bundled_part
@@ -7,6 +9,7 @@ from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement import optimise
+from itree_jax.refinement.observed import NO_PART
 from itree_jax.refinement.optimise import (
     Hypotheses,
     OtherView,
@@ -279,6 +282,7 @@ def test_no_steps_are_refused(bracket):
 @pytest.mark.parametrize("cameras", [1, 2])
 @pytest.mark.parametrize("stage", [
     Stage(6, 64, (2.0, 2.0), (0.4, 0.4), (4.0, 4.0)), Stage(3, 24, (12.0, 4.0), (1.0, 0.6), (9.0, 5.0), contour=False),
+    Stage(2, 48, (4.0, 2.0), (0.6, 0.4), (9.0, 4.0), more=5),
 ])  # fmt: skip
 def test_one_launch_moves_poses_as_the_steps_do_one_after_the_other(monkeypatch, bracket, stage, cameras):
     """To the last bit: those that rest, those whose rays are cast again, and those that see nothing."""
@@ -302,3 +306,32 @@ def test_one_launch_moves_poses_as_the_steps_do_one_after_the_other(monkeypatch,
     if others:
         alone = refine(start, bracket, maps, PINHOLE, DEVIATIONS, [stage], JUMP, crease=np.radians(25.0))
         assert (alone.t_cam_obj != by_one.t_cam_obj).any()
+
+
+def test_more_steps_are_for_poses_that_slide(bracket):
+    """A plate on a floor of its own height is drawn by its ends alone, a share of the way at a time; what has arrived
+    is left alone.
+    """
+    plate = model_of(box_part(60.0, 24.0, 3.0))
+    R, t = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 400.0])
+    maps = seen(plate, R, t, [floor_below(plate, t)]).maps
+    away = Hypotheses(np.stack([R, R]), np.stack([t, t + np.array([3.5, 0.0, 0.0])]))
+    few = Stage(2, 48, (4.0, 4.0), (0.4, 0.4), (4.0, 4.0))
+    short, long = (refine(away, plate, maps, PINHOLE, DEVIATIONS, [replace(few, more=k)], JUMP) for k in (0, 12))
+    np.testing.assert_array_equal(short.t_cam_obj[0], long.t_cam_obj[0])
+    np.testing.assert_array_equal(short.R_cam_obj[0], long.R_cam_obj[0])
+    left = [abs(poses.t_cam_obj[1, 0] - t[0]) for poses in (short, long)]
+    assert left[0] > 1.0
+    assert left[1] < 0.5 * left[0]
+
+
+def test_what_is_told_to_be_no_part_draws_no_pose(bracket):
+    R, t = ATTITUDES[0], centred(bracket, ATTITUDES[0])
+    maps = seen(bracket, R, t).maps
+    dark = maps._replace(needle_weight=np.full_like(np.asarray(maps.needle_weight), NO_PART))
+    stages = [Stage(3, 48, (4.0, 4.0), (0.4, 0.4), (4.0, 4.0), contour=False)]
+    start = perturbed(R, t, 4, 3.0, 2.0, 6)
+    found = refine(start, bracket, dark, PINHOLE, DEVIATIONS, stages, JUMP)
+    np.testing.assert_allclose(found.t_cam_obj, start.t_cam_obj, rtol=1e-6)
+    drawn = refine(start, bracket, maps, PINHOLE, DEVIATIONS, stages, JUMP)
+    assert np.linalg.norm(drawn.t_cam_obj - start.t_cam_obj, axis=1).min() > 0.5

@@ -8,6 +8,7 @@ from itree_kernels.agreement import CONTOUR_STEP
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
+from itree_jax.refinement.observed import NO_PART
 from itree_jax.refinement.optimise import Hypotheses, RefineModel
 from itree_jax.refinement.verify import verify, visible_centres
 
@@ -120,6 +121,20 @@ def test_what_something_nearer_covers_is_hidden(bracket, t):
     assert verdict.hidden[0] == (part & covered).sum() > 200
     assert verdict.agreeing[0] == (part & ~covered).sum()
     assert verdict.contradicting[0] == 0
+
+
+@pytest.mark.parametrize("gap", [-1.1, -0.5, 0.5, 1.1])
+def test_what_is_told_to_be_no_part_agrees_with_none_but_hides_it(gap):
+    model = model_of(box_part(40.0, 30.0, 10.0))
+    t = np.array([0.0, 0.0, DISTANCE + 5.0])
+    top = plane(DISTANCE + gap * float(TOLERANCES.depth))
+    maps = seen(model, FACING, t + np.array([0.0, 0.0, 50.0]), [top]).maps
+    dark = maps._replace(needle_weight=np.full_like(np.asarray(maps.needle_weight), NO_PART))
+    (open_, _, _), (told, _, _) = (judged(model, one, (FACING, t)) for one in (maps, dark))
+    assert told.agreeing[0] == told.closeness[0] == 0
+    assert told.hidden[0] == open_.hidden[0] == (gap < -1) * (told.hidden[0] + told.contradicting[0])
+    assert told.contradicting[0] == open_.agreeing[0] + open_.contradicting[0]
+    assert told.hidden[0] + told.contradicting[0] > 500
 
 
 def test_where_nothing_was_measured_nothing_is_said(bracket, t):
