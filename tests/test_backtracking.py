@@ -20,6 +20,7 @@ from itree_jax.open_places import Places, every_attitude, open_places
 from itree_jax.prepared import largest_view, prepare
 from itree_jax.refinement.hypotheses import RegionHypotheses
 from itree_jax.refinement.likelihood import Support
+from itree_jax.refinement.observed import NO_PART
 from itree_jax.refinement.optimise import Hypotheses
 from itree_jax.refinement.select import Judged
 from itree_jax.refinement.verify import Verdict
@@ -276,3 +277,19 @@ def test_a_face_that_is_half_hidden_lies_in_a_corner_of_what_is_left(prepared, s
         return np.linalg.norm(t - t_true, axis=1)[cosine > np.cos(np.radians(15.0))].min() / prepared.tree.part.diameter
 
     assert nearest(half) < 0.1
+
+
+def test_no_part_is_looked_for_where_it_is_dark(sight):
+    """Regions are lit, all of them; what isn't is told of beside them, and no rough pose may agree with it."""
+    found, dark, lit = sight.found.labels >= 0, sight.dark.labels >= 0, sight.lit
+    assert found.sum() > 1000
+    assert dark.sum() > 1000
+    assert lit[found].all()
+    assert not lit[dark].any()
+    weight, rough = (np.asarray(maps.needle_weight) for maps in (sight.observed, sight.coarse))
+    no_part = rough == NO_PART
+    np.testing.assert_array_equal(no_part, np.asarray(sight.needle.interpretable) & ~lit)
+    np.testing.assert_array_equal(rough[~no_part], weight[~no_part])
+    assert (weight >= 0.0).all()
+    rest = left_over(sight, [])
+    assert sight.lit[rest.found.labels >= 0].all()

@@ -1,6 +1,7 @@
 """Seconds to recognise a scene: the first answer of a fresh process, and warm, stage by stage; beside peers if told.
 
     python experiments/benchmarks/recognition.py --trees TREE [TREE ...] --scenes FOLDER [FOLDER ...] [--peers CSV ...]
+        [--depth file|stereo|none]
 
 A process is fresh but for what earlier ones left in the caches of JAX and Warp. Warm: the median over `repeats` of
 every scene, by the clock and by the processors' time, which says more on a machine that does other things too. A
@@ -19,16 +20,19 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, Literal, NamedTuple
 from unittest.mock import patch
 
 import tyro
 
 from itree_jax import challenge, competition, interpreting, narrowing, own_axis, reading_order, recognition, settling
 from itree_jax.cli.runtime import start_jax
+from itree_jax.cli.scene_answer import with_depth_from
+from itree_jax.detections import Detections
 from itree_jax.prepared import PreparedForest, prepare_forest
 from itree_jax.results import read_bop_csv
 from itree_jax.sensing.scene_folder import Scene, load_scene
+from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.tree_file import load_tree
 
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
@@ -59,6 +63,14 @@ class Config:
     out: Path = Path("out/recognition")
     repeats: int = 3
     fresh: bool = True  # also start a process of its own
+    depth: Literal["file", "stereo", "none"] = "file"  # where depth comes from
+
+
+class Seen(NamedTuple):
+    """A scene, with its depth map or without, and what its second camera saw if depth comes from there."""
+
+    scene: Scene
+    second: SecondCamera | None
 
 
 @dataclass
@@ -102,7 +114,9 @@ def main(config: Config) -> None:
     start_jax()
     fresh = seconds_of_fresh_process(config) if config.fresh else None
     forest = prepare_forest([load_tree(path) for path in config.trees])
-    rows = [measured(forest, load_scene(folder), config.repeats) for folder in config.scenes]
+    sensor = forest.trees[0].tree.sensor
+    seen = [Seen(*with_depth_from(config.depth, load_scene(folder), sensor)) for folder in config.scenes]
+    rows = [measured(forest, one, config.repeats) for one in seen]
     peers = {path.stem: peers_seconds(path) for path in config.peers}
     result = {"cores": os.cpu_count(), "fresh_process_s": fresh, "scenes": rows, "peers_s": peers}
     config.out.mkdir(parents=True, exist_ok=True)
@@ -110,40 +124,45 @@ def main(config: Config) -> None:
     print(table(result))
 
 
-def measured(forest: PreparedForest, scene: Scene, repeats: int) -> dict[str, Any]:
+def measured(forest: PreparedForest, scene: Seen, repeats: int) -> dict[str, Any]:
     """Medians of one scene after a call that warms up."""
     whole = [whole_scene(forest, scene) for _ in range(repeats + 1)][1:]
     clocks = []
     for _ in range(repeats):
         clocks.append(Clock())
         with stages_timed(clocks[-1]):
-            found = recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+            found = recognised(forest, scene)
     picks = [first_pick(forest, scene) for _ in range(repeats + 1)][1:]
     return {
-        "scene": scene.scene_id, "found": len(found.detections),
+        "scene": scene.scene.scene_id, "found": len(found.detections),
         "pick_wall_s": median(wall for wall, _ in picks), "pick_cpu_s": median(cpu for _, cpu in picks),
         "wall_s": median(wall for wall, _ in whole), "cpu_s": median(cpu for _, cpu in whole),
         "stages_cpu_s": {name: median(clock.cpu.get(name, 0.0) for clock in clocks) for name in STAGES},
     }  # fmt: skip
 
 
-def whole_scene(forest: PreparedForest, scene: Scene) -> tuple[float, float]:
+def recognised(forest: PreparedForest, seen: Seen, picks: int | None = None) -> Detections:
+    scene, second = seen
+    return recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c, second, picks)
+
+
+def whole_scene(forest: PreparedForest, scene: Seen) -> tuple[float, float]:
     """Seconds of all of a scene: by the clock, of the processors."""
     start = time.perf_counter(), time.process_time()
-    recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c)
+    recognised(forest, scene)
     return time.perf_counter() - start[0], time.process_time() - start[1]
 
 
-def first_pick(forest: PreparedForest, scene: Scene) -> tuple[float, float]:
+def first_pick(forest: PreparedForest, scene: Seen) -> tuple[float, float]:
     """Seconds until one pose is sure, the highest regions first: by the clock, of the processors."""
     start = time.perf_counter(), time.process_time()
-    recognition.recognize_one(forest, scene.images, scene.sensor, scene.depth, scene.R_w2c, picks=1)
+    recognised(forest, scene, picks=1)
     return time.perf_counter() - start[0], time.process_time() - start[1]
 
 
 def seconds_of_fresh_process(config: Config) -> float:
     """From starting Python to the poses of the first scene on disk."""
-    words = ["recognize", config.scenes[0], *config.trees, "-o", config.out / "fresh.csv"]
+    words = ["recognize", config.scenes[0], *config.trees, "-o", config.out / "fresh.csv", "--depth", config.depth]
     config.out.mkdir(parents=True, exist_ok=True)
     start = time.perf_counter()
     program = "import sys; from itree_jax.cli.main import main; sys.exit(main(sys.argv[1:]))"

@@ -13,6 +13,7 @@ from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, regions
 from itree_jax.sensing.scene_folder import Scene
+from itree_jax.sight import by_light, lit_by_any
 from itree_jax.tree.groups import group_of_label
 from itree_jax.tree.tree import InterpretationTree
 
@@ -37,7 +38,9 @@ def measure_scene(case_scene: CaseScene) -> Measured:
     """Needle map and regions, as recognition has them."""
     scene = case_scene.scene
     needle = read_needles(scene.images, scene.sensor, scene.depth)
-    return Measured(case_scene, needle, regions(needle, scene.depth, scene.sensor, scene.R_w2c))
+    lit = lit_by_any(scene.images, scene.sensor, needle)
+    found, _ = by_light(regions(needle, scene.depth, scene.sensor, scene.R_w2c, lit=lit), lit)
+    return Measured(case_scene, needle, found)
 
 
 def unfair(measured: Measured, tree: InterpretationTree, mesh: RayMesh, group: int) -> str:
