@@ -308,7 +308,7 @@ def test_one_launch_moves_poses_as_the_steps_do_one_after_the_other(monkeypatch,
         assert (alone.t_cam_obj != by_one.t_cam_obj).any()
 
 
-def test_more_steps_are_for_poses_that_slide(bracket):
+def test_more_steps_are_for_poses_that_slide():
     """A plate on a floor of its own height is drawn by its ends alone, a share of the way at a time; what has arrived
     is left alone.
     """
