@@ -172,10 +172,10 @@ def look_again(
     cleared = subtract_reflections(images, answers, sight, second)
     if cleared is not None:
         images, second = cleared
-        sight = look(images, sensor, None, R_w2c, second)
+        sight = look(images, sensor, None, R_w2c, second, before=sight)
     responses = responses_of_parts(answers, sight)
     if responses is not None:
-        sight = look(images, sensor, None, R_w2c, second, responses)
+        sight = look(images, sensor, None, R_w2c, second, responses, before=sight)
     return images, sight
 
 

@@ -18,18 +18,18 @@ from itree_jax.sensing.albedo import dominant_albedo
 from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.edges import SceneEdges, scene_edges
 from itree_jax.sensing.folded_regions import parted_at_folds
+from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import corrected, first_needles, read_needles
 from itree_jax.sensing.regions import Regions, depth_noise, regions
 from itree_jax.sensing.segments import HeldBy, held_by
 from itree_jax.sensor import Sensor
-from itree_jax.stereo.dual_stereo import WINDOW, dual_photometric_stereo
+from itree_jax.stereo.dual_stereo import WINDOW, Found, dual_photometric_stereo
 from itree_jax.stereo.second_camera import SecondCamera
 
 STEREO_NOISE = 0.1  # [mm] of one pixel beside its neighbours: needles carry depth from pixel to pixel
 EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each of either's error, and the refinement's
-LIT = 0.2  # of the parts' albedo: bins are darker, and reflected light fills most shadows with less
 CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
 
 
@@ -57,6 +57,7 @@ class Sight:
     of_depth: DepthNeedles | None = None  # what the depth map alone tells of the surface
     lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
     dark: Regions | None = None  # of bin and floor; None: not told
+    stereo: Found | None = None  # what two cameras found, for a later look to begin from
 
     @property
     def kind(self) -> str:
@@ -107,10 +108,12 @@ def look(
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     second: SecondCamera | None = None,
     responses: Sequence[MaterialResponse | None] = (None, None),
+    before: Sight | None = None,
 ) -> Sight:
     """Looks at one image under each light, with a depth map [mm] (0 = none), a second camera, or neither.
 
-    `responses` of the material, as each camera sees it, if they are known.
+    `responses` of the material, as each camera sees it, if they are known. `before`: an earlier look at the same scene;
+    with two cameras depth goes on from there.
 
     Raises `ItreeError` as `dual_photometric_stereo` does.
     """
@@ -118,7 +121,7 @@ def look(
         return look_with_one(images, sensor, R_w2c, responses[0])
     if depth is None:
         assert second is not None
-        return look_with_two(images, sensor, second, R_w2c, responses)
+        return look_with_two(images, sensor, second, R_w2c, responses, before)
     depth = np.asarray(depth, np.float32)
     noise = depth_noise(depth, depth > 0)
 
@@ -150,6 +153,7 @@ def look_with_two(
     second: SecondCamera,
     R_w2c: Float[np.ndarray, "3 3"] | None = None,
     responses: Sequence[MaterialResponse | None] = (None, None),
+    before: Sight | None = None,
 ) -> Sight:
     """Dual photometric stereo instead of a depth map: depth where needles are, edges from the images of both cameras.
 
@@ -166,8 +170,9 @@ def look_with_two(
         )  # fmt: skip
         return needle, scene_edges(images, sensor, needle), other, beside
 
+    found_before = None if before is None else before.stereo
     stereo, (needle, edges, other, beside) = at_once(
-        lambda: dual_photometric_stereo(images, sensor, second, responses[0]), each_alone
+        lambda: dual_photometric_stereo(images, sensor, second, responses[0], found_before), each_alone
     )
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
@@ -182,6 +187,7 @@ def look_with_two(
         found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
         soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit, dark=dark,
+        stereo=stereo.found,
     )  # fmt: skip
 
 
@@ -231,19 +237,6 @@ def by_themselves(found: Regions, sensor: Sensor) -> HeldBy:
     """Regions of which nothing tells what hangs together with them."""
     centre = sensor.camera.unproject(found.centroid_uv, found.mean_depth)
     return HeldBy(np.arange(found.count), np.asarray(found.area_mm2), centre, np.zeros(found.count))
-
-
-def lit_by_any(
-    images: Float[np.ndarray, "lights height width"], sensor: Sensor, needle: NeedleMap
-) -> Bool[np.ndarray, "height width"] | None:
-    """Where a light shows more than a dark bin: a fifth of what the parts' material shows head-on. None for a camera
-    without lights.
-    """
-    if sensor.is_depth_camera:
-        return None
-    albedo = float(dominant_albedo(needle))
-    brightest = (images / sensor.light_intensities[:, None, None]).max(axis=0)
-    return np.asarray(brightest > LIT * albedo) if albedo > 0 else None
 
 
 def by_light(found: Regions, lit: Bool[np.ndarray, "height width"] | None) -> tuple[Regions, Regions | None]:

@@ -9,11 +9,12 @@ from itree_kernels.mesh import RayMesh
 from jaxtyping import Bool, Float
 
 from cases.bin_with_target import CaseScene
+from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sensing.regions import Regions, regions
 from itree_jax.sensing.scene_folder import Scene
-from itree_jax.sight import by_light, lit_by_any
+from itree_jax.sight import by_light
 from itree_jax.tree.groups import group_of_label
 from itree_jax.tree.tree import InterpretationTree
 

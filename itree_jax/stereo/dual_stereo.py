@@ -7,20 +7,23 @@ where there is none.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from itree_kernels.camera import Camera
+from jaxtyping import Bool, Float, Int
 
 from itree_jax.batches import on_all_cores
+from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.noise_model import intensity_std
 from itree_jax.sensing.reading import read_needles, turned_back
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
-from itree_jax.stereo.needle_surface import needle_slopes, surface
-from itree_jax.stereo.second_camera import EpipolarPair, SecondCamera, epipolar_pair, to_first_camera
+from itree_jax.stereo.needle_surface import Slopes, needle_slopes, surface
+from itree_jax.stereo.second_camera import Box, EpipolarPair, SecondCamera, epipolar_pair, to_first_camera
 
 NEAREST, FARTHEST = 0.75, 1.05  # of the working distance: a bin is no deeper than a quarter of it, its floor no lower
 WINDOW = 9  # [px], along the surface
@@ -29,9 +32,21 @@ COARSE_STD = 1.5  # [mm] of the block matcher's depths, as deviations of neighbo
 PIECE_STD = 0.7  # [mm] of a piece's depth: a quarter of a pixel
 SHARPEST_STD, DULLEST_STD = 0.4, 20.0  # [mm] of a window's match
 AGREES = 4.0  # [mm] a pixel without a needle is known where the block matcher says the same: a pixel of disparity
+REACHES = (2.0, 1.0)  # [px] of disparity that windows are moved by, one after the other
+AROUND = 16  # [px] beside what a light shows: as far as windows reach that meet it
+SIZES = 64  # [px]: sides of what is looked at are multiples of it, so that few shapes are compiled
 ABSOLUTE_SPREAD = np.sqrt(1.0 - 2.0 / np.pi)  # of a Gaussian's absolute value, over its own deviation
 # What a trusted pixel's depth is off by, as a share of a pixel of disparity; neighbours share nearly all of it.
 MATCH_ERROR = 0.15
+
+
+class Found(NamedTuple):
+    """What was found in the left images, where a light shows the parts; a later look begins from it."""
+
+    box: Box
+    coarse: Float[np.ndarray, "height width"]  # [mm] by the block matcher, 0 = none
+    trusted: Bool[np.ndarray, "height width"]  # of a matched piece
+    surface: Float[np.ndarray, "height width"]  # z [mm]
 
 
 @dataclass(frozen=True)
@@ -41,26 +56,31 @@ class StereoDepth:
     depth: Float[np.ndarray, "height width"]  # z [mm], 0 where it is not known
     by_needles: Bool[np.ndarray, "height width"]  # of a matched piece; elsewhere matched by windows alone
     std: float  # [mm] of a matched piece's depth at the working distance, shared by its pixels
+    found: Found
 
 
 def dual_photometric_stereo(
     images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera,
-    response: MaterialResponse | None = None,
+    response: MaterialResponse | None = None, before: Found | None = None,
 ) -> StereoDepth:
-    """Depth from the images of two cameras (linear, 1.0 = full scale), one under each light.
+    """Depth from the images of two cameras (linear, 1.0 = full scale), one under each light, about where a light shows
+    what is as bright as the parts; 0 elsewhere.
 
-    `response`: of the material, as the first camera sees it. Raises `ItreeError` as `epipolar_pair` does.
+    `response`: of the material, as the first camera sees it. `before`: what an earlier look at the same scene found,
+    with other needles or less reflected light: the last step goes on from there. Raises `ItreeError` as `epipolar_pair`
+    does.
     """
     pair = epipolar_pair(images, sensor, second)
     needle = turned_back(read_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
-    disparities = searched(pair)
-    depth, by_needles = _depth(pair, needle, block_matching(pair, *disparities), disparities)
+    found = _first_found(pair, needle) if before is None else _found_again(pair, needle, before)
+    agrees = (found.coarse > 0.0) & (np.abs(found.coarse - found.surface) < AGREES)
+    depth = np.where(found.trusted | agrees, found.surface, 0.0)
     std = MATCH_ERROR * sensor.working_distance**2 / pair.focal_baseline
-    camera = sensor.camera
-    return StereoDepth(
-        to_first_camera(depth, pair, camera).astype(np.float32),
-        to_first_camera(by_needles.astype(np.float32), pair, camera) > 0.0, std,
+    depth, by_needles = (
+        to_first_camera(in_image(a, found.box, pair.sensor.camera), pair, sensor.camera)
+        for a in (depth, found.trusted)
     )
+    return StereoDepth(depth.astype(np.float32), by_needles > 0.0, std, found)
 
 
 def searched(pair: EpipolarPair) -> tuple[int, int]:
@@ -69,25 +89,80 @@ def searched(pair: EpipolarPair) -> tuple[int, int]:
     return int(np.floor(first)), int(np.ceil(last))
 
 
-def _depth(
-    pair: EpipolarPair, needle: NeedleMap, coarse: Float[np.ndarray, "height width"], disparities: tuple[int, int]
-) -> tuple[Float[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
-    camera = pair.sensor.camera
-    interpretable = np.asarray(needle.interpretable)
-    normals = np.asarray(needle.normals, np.float64) * interpretable[..., None]
-    pieces = smooth_pieces(normals, interpretable)
-    slopes = needle_slopes(normals, np.asarray(needle.confidence), camera)
-    alone = needle_slopes(normals, (pieces >= 0).astype(float), camera)
+def box_of(shown: Bool[np.ndarray, "height width"] | None, camera: Camera) -> Box:
+    """The part of an image that holds all that is shown and what lies `AROUND` it, of one of few sizes; all of it
+    where nothing is, or that isn't told.
+    """
+    if shown is None or not shown.any():
+        return Box(0, camera.height, 0, camera.width)
+
+    def span(there: Int[np.ndarray, "n"], size: int) -> tuple[int, int]:
+        first, last = max(int(there[0]) - AROUND, 0), min(int(there[-1]) + 1 + AROUND, size)
+        length = min(-(-(last - first) // SIZES) * SIZES, size)
+        first = min(first, size - length)
+        return first, first + length
+
+    return Box(*(span(np.flatnonzero(shown.any(axis=1)), camera.height)),
+               *(span(np.flatnonzero(shown.any(axis=0)), camera.width)))
+
+
+def in_image(
+    values: Float[np.ndarray, "rows columns"], box: Box, camera: Camera
+) -> Float[np.ndarray, "height width"]:
+    """What is known of a part of an image, and 0 around it."""
+    whole = np.zeros((camera.height, camera.width))
+    whole[box.top : box.bottom, box.left : box.right] = values
+    return whole
+
+
+class _Told(NamedTuple):
+    """What the needles of a part of the left images tell."""
+
+    normals: Float[np.ndarray, "height width 3"]  # 0 where there is none
+    interpretable: Bool[np.ndarray, "height width"]
+    slopes: Slopes
+
+
+def _told(pair: EpipolarPair, needle: NeedleMap, box: Box) -> _Told:
+    here = slice(box.top, box.bottom), slice(box.left, box.right)
+    normals, interpretable, confidence = (
+        np.asarray(a)[here] for a in (needle.normals, needle.interpretable, needle.confidence)
+    )
+    normals = np.asarray(normals, np.float64) * interpretable[..., None]
+    return _Told(normals, interpretable, needle_slopes(normals, confidence, pair.sensor.camera))
+
+
+def _first_found(whole: EpipolarPair, needle: NeedleMap) -> Found:
+    box = box_of(lit_by_any(whole.left_stored, whole.sensor, needle), whole.sensor.camera)
+    rows = whole.within(box._replace(left=0, right=whole.sensor.camera.width))  # a block matcher wants both alike
+    coarse = block_matching(rows, *searched(rows))[:, box.left : box.right]
+    pair = whole.within(box)
+    camera, told = pair.sensor.camera, _told(pair, needle, box)
+    pieces = smooth_pieces(told.normals, told.interpretable)
+    alone = needle_slopes(told.normals, (pieces >= 0).astype(float), camera)
     level = coarse if coarse.any() else np.full(coarse.shape, pair.sensor.working_distance)
     shape = surface(alone, level, np.full(level.shape, 40.0 * COARSE_STD), camera, rounds=1)
-    found = match_pieces(pair, pieces, shape, coarse, disparities)
+    found = match_pieces(pair, pieces, shape, coarse, searched(pair))
     matched = np.where(found.trusted, found.depth, coarse)
-    z = surface(slopes, matched, np.where(found.trusted, PIECE_STD, COARSE_STD), camera)
-    for reach in (2.0, 1.0):
-        matched, deviation = match_windows(pair, z, reach, interpretable)
-        z = surface(slopes, matched, deviation, camera, start=z)
-    agrees = (coarse > 0.0) & (np.abs(coarse - z) < AGREES)
-    return np.where(found.trusted | agrees, z, 0.0), found.trusted
+    z = surface(told.slopes, matched, np.where(found.trusted, PIECE_STD, COARSE_STD), camera)
+    for reach in REACHES:
+        z = _matched_along(pair, told, z, reach)
+    return Found(box, coarse, found.trusted, z)
+
+
+def _found_again(whole: EpipolarPair, needle: NeedleMap, before: Found) -> Found:
+    """The last step of `_first_found`, from where it ended before."""
+    pair = whole.within(before.box)
+    told = _told(pair, needle, before.box)
+    return before._replace(surface=_matched_along(pair, told, before.surface, REACHES[-1]))
+
+
+def _matched_along(
+    pair: EpipolarPair, told: _Told, z: Float[np.ndarray, "height width"], reach: float
+) -> Float[np.ndarray, "height width"]:
+    """The surface z [mm] once windows along it were matched, as they and the needles have it."""
+    matched, deviation = match_windows(pair, z, reach, told.interpretable)
+    return surface(told.slopes, matched, deviation, pair.sensor.camera, start=z)
 
 
 def block_matching(pair: EpipolarPair, first: int, last: int) -> Float[np.ndarray, "height width"]:

@@ -1,6 +1,7 @@
 """The second camera of a scene, and both cameras' images on common epipolar lines."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -36,6 +37,15 @@ class SecondCamera:
         return replace(self, sensor=sensor)
 
 
+class Box(NamedTuple):
+    """A part of an image [px]: rows top .. bottom - 1, columns left .. right - 1."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+
 @dataclass(frozen=True, eq=False)
 class EpipolarPair:
     """Both cameras' images over the strength of their lights, with rows as common epipolar lines.
@@ -50,6 +60,19 @@ class EpipolarPair:
     R_left_first: Float[np.ndarray, "3 3"]  # turns the first camera's frame into that of the left images
     focal_baseline: float  # [px mm]
     offset: float  # [px] between the principal points
+
+    def within(self, box: Box) -> "EpipolarPair":
+        """The same of a part of the left images; of the right ones, their rows."""
+        rows, columns = slice(box.top, box.bottom), slice(box.left, box.right)
+        camera = replace(
+            self.sensor.camera, cx=self.sensor.camera.cx - box.left, cy=self.sensor.camera.cy - box.top,
+            width=box.right - box.left, height=box.bottom - box.top,
+        )
+        return replace(
+            self, left=self.left[:, rows, columns], right=self.right[:, rows],
+            left_stored=self.left_stored[:, rows, columns], sensor=replace(self.sensor, camera=camera),
+            offset=self.offset - box.left,
+        )
 
     def disparity(self, z: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """[px] at these depths [mm]."""
