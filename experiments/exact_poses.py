@@ -7,7 +7,7 @@ Of parts visible by 70 % or more, with a depth map; parts of revolution are left
 on every surface): medians of rotation and position.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,20 +63,20 @@ def errors_of_scene(one: TrueScene) -> Iterator[tuple[str, list[tuple[float, flo
     shift = rng.normal(0.0, SHIFT / np.sqrt(3.0), (len(seen), 3))
     poses = Hypotheses((off @ true.R_cam_obj).astype(np.float32), (true.t_cam_obj + shift).astype(np.float32))
 
-    def refined(poses: Hypotheses, stage: Stage, deviations: Deviations) -> Hypotheses:
-        return refine(poses, prepared.model, sight.held_against, scene.sensor.camera, deviations, [stage], plan.jump)
+    def refined(poses: Hypotheses, stages: Sequence[Stage], deviations: Deviations) -> Hypotheses:
+        return refine(poses, prepared.model, sight.held_against, scene.sensor.camera, deviations, stages, plan.jump)
 
     def errors(poses: Hypotheses) -> list[tuple[float, float]]:
         turned = Rotation.from_matrix(np.asarray(poses.R_cam_obj, float) @ true.R_cam_obj.swapaxes(1, 2)).magnitude()
         shifted = np.linalg.norm(poses.t_cam_obj - true.t_cam_obj, axis=1)
         return list(zip(np.degrees(turned).tolist(), shifted.tolist(), strict=True))
 
-    poses = refined(poses, plan.rounds[-1].stage, plan.deviations)
+    poses = refined(poses, [plan.rounds[-1].stage], plan.deviations)
     poses = refined(poses, plan.last, plan.independent)
     yield POLISHED, errors(poses)
     assert plan.exact is not None
     for name, deviations in ways(plan):
-        yield name, errors(refined(poses, plan.exact[0], deviations))
+        yield name, errors(refined(poses, [plan.exact[0]], deviations))
 
 
 if __name__ == "__main__":

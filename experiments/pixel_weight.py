@@ -105,7 +105,7 @@ def true_pose(
     """As answers are, polished: an exact pose is held against nothing that was fitted to the image."""
     one = Hypotheses(R[None].astype(np.float32), t[None].astype(np.float32))
     found = refine(
-        one, prepared.model, sight.held_against, sight.sensor.camera, plan.independent, [plan.last], plan.jump,
+        one, prepared.model, sight.held_against, sight.sensor.camera, plan.independent, plan.last, plan.jump,
         sight.others, sight.crease,
     )
     return np.asarray(found.R_cam_obj[0], float), np.asarray(found.t_cam_obj[0], float)

@@ -46,12 +46,12 @@ def ratios_of_scene(one: TrueScene, depth: str) -> list[float]:
     t = np.repeat(truth.pose.t[seen], 2, axis=0) + rng.normal(0.0, SHIFT / np.sqrt(3.0), (len(R), 3))
     plan = sight.plan(prepared.tree.part.diameter, prepared.tree.spacing)
     camera, model = scene.sensor.camera, prepared.model
-    stages = [(step.stage, plan.deviations) for step in plan.rounds[-2:]]
+    stages = [([step.stage], plan.deviations) for step in plan.rounds[-2:]]
     stages.append((plan.last, plan.independent))
     poses = Hypotheses(*(a.astype(np.float32) for a in prepared.about_middle(R, t)))
-    for stage, deviations in stages:
+    for some, deviations in stages:
         poses = refine(
-            poses, model, sight.held_against, camera, deviations, [stage], plan.jump, sight.others, sight.crease
+            poses, model, sight.held_against, camera, deviations, some, plan.jump, sight.others, sight.crease
         )
     weighed = support(
         poses, model, sight.held_against, camera, plan.errors, plan.jump, sight.others, crease=sight.crease

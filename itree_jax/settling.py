@@ -68,9 +68,9 @@ def polished(answer: Interpretation, sight: Sight) -> Interpretation:
     ways = [(plan.last, plan.independent), *([plan.by_contours] if plan.by_contours else [])]
     after = reduce(joined, [
         before._replace(poses=refine(
-            before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, deviations, [stage],
+            before.poses, answer.prepared.model, sight.held_against, sight.sensor.camera, deviations, stages,
             plan.jump, sight.others, sight.crease,
-        )) for stage, deviations in ways
+        )) for stages, deviations in ways
     ])  # fmt: skip
     judged = judge(after, answer.prepared, sight, plan)
     nats = np.concatenate([answer.judged.log_likelihood[tried], judged.log_likelihood]).reshape(-1, len(tried))

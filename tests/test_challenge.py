@@ -184,7 +184,7 @@ def test_only_a_depth_maps_pixels_are_taken_to_err_independently_at_last(read, e
     assert plan.deviations.depth_bias > 0.0
     assert plan.independent.depth_bias == (plan.deviations.depth_bias if edge_reach else 0.0)
     assert (plan.exact is None) == (edge_reach > 0.0)  # and along their rays
-    assert plan.last.size > plan.rounds[-1].stage.size
+    assert plan.last[-1].size > plan.rounds[-1].stage.size
 
 
 def test_at_last_an_accepted_pose_meets_itself_turned_as_exact_as_it_is(prepared, read):

@@ -52,11 +52,12 @@ class Schedule:
 
     rounds: tuple[Round, ...]  # of the candidates
     turned: tuple[Round, ...]  # of accepted poses and those turned about their main axes
-    last: Stage  # of the answers and their rivals, at the image's resolution
+    last: tuple[Stage, ...]  # of the answers and their rivals, at the image's resolution in the end
     deviations: Deviations
     independent: Deviations  # of the last stage: a depth map's pixels may err independently
     exact: tuple[Stage, Deviations] | None  # a word more on the answers, where a depth map errs along its rays
-    by_contours: tuple[Stage, Deviations] | None  # another last stage, where whole faces' needles and depth may be off
+    # another way to end, where whole faces' needles and depth may be off
+    by_contours: tuple[tuple[Stage, ...], Deviations] | None
     errors: SensorErrors  # that the last verification reckons with
     jump: float  # least depth step between two surfaces [mm]
     verify_size: int  # window pixels of the last verification
@@ -148,14 +149,17 @@ def schedule(
         by_contours = None
         independent = deviations._replace(depth_bias=np.zeros((), np.float32))
         narrow = (NOISE_SIGMAS * values[0], LAST_SIGMAS * values[0])
-        last = Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate))
+        last = (Stage(4, SIZE, narrow, (0.4, 0.4), (last_gate, last_gate)),)
         along_rays = np.asarray((RASTER * pitch / values[0]) ** 2, np.float32)
-        exact = replace(last, steps=2), independent._replace(grazing=along_rays)
+        exact = replace(last[0], steps=2), independent._replace(grazing=along_rays)
     else:  # matched depth errs together over whole faces: no reason to believe it more
         independent, exact = deviations, None
         # halfway a pose may be less likely than where it started, and would be taken back: hence as many steps
-        last = Stage(24, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
+        at_last = Stage(24, SIZE, polish.depth_gate, polish.needle_gate, polish.contour_gate)
+        nearly = replace(at_last, steps=12, size=polish.size)  # most of the way, for a quarter of the pixels
+        last = nearly, at_last
         moved, turned_by = (np.asarray(v, np.float32) for v in (FACE_MOVED * bias, FACE_TURNED))
         astray = deviations._replace(depth_bias=moved, needle_bias=turned_by)
-        by_contours = replace(last, steps=12, contour_gate=(DEPTH_EDGE_GATE, last_gate)), astray
+        falling = replace(nearly, contour_gate=(DEPTH_EDGE_GATE, last_gate))
+        by_contours = (falling, replace(at_last, steps=12)), astray
     return Schedule(rounds, turned, last, deviations, independent, exact, by_contours, errors, jump, 96)

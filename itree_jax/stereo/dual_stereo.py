@@ -30,7 +30,7 @@ WINDOW = 9  # [px], along the surface
 MOST_DIFFERENT = 0.08  # of full scale, of one light
 COARSE_STD = 1.5  # [mm] of the block matcher's depths, as deviations of neighbours that share their windows
 PIECE_STD = 0.7  # [mm] of a piece's depth: a quarter of a pixel
-SHARPEST_STD, DULLEST_STD = 0.4, 20.0  # [mm] of a window's match
+SHARPEST_STD, DULLEST_STD = 0.4, 1.0  # [mm] of a window's match
 AGREES = 4.0  # [mm] a pixel without a needle is known where the block matcher says the same: a pixel of disparity
 REACHES = (2.0, 1.0)  # [px] of disparity that windows are moved by, one after the other
 AROUND = 16  # [px] beside what a light shows: as far as windows reach that meet it
@@ -204,9 +204,9 @@ def match_windows(
 ) -> tuple[Float[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
     """Depth [mm] and its deviation [mm] from windows along the surface z, moved by up to `reach` [px] of disparity.
 
-    How sharply the difference of the views rises about its least tells the deviation: that of the median lit window is
-    a quarter of a pixel. A window without texture looks alike wherever it lies: to move by the whole reach, the views
-    must come to agree better by more than noise makes them differ, so that it stays where needles put it.
+    A window without texture looks alike wherever it lies: to move by the whole reach, the views must come to agree
+    better by more than noise makes them differ, so that it stays where needles put it. How sharply the difference of the
+    views rises about its least tells the deviation: what rises no more than that by itself has `DULLEST_STD`.
     """
     disparity = pair.disparity(z)
     steps = np.linspace(-reach, reach, 17)
@@ -214,10 +214,10 @@ def match_windows(
     def moved(step: float) -> Float[np.ndarray, "height width"]:
         return cv2.boxFilter(views_differ(pair, disparity + step, MOST_DIFFERENT), -1, (WINDOW, WINDOW))
 
+    noise = noise_of_window(pair, interpretable)
     cost = np.stack(on_all_cores(moved, steps))
-    cost += noise_of_window(pair, interpretable) * np.square(steps / reach)[:, None, None]
+    cost += noise * np.square(steps / reach)[:, None, None]
     place, _, bend = lowest_point(cost, steps)
-    bend = bend / (steps[1] - steps[0]) ** 2
-    usual = float(np.median(bend[interpretable])) if interpretable.any() else float(np.median(bend))
-    deviation = np.clip(np.sqrt(usual / bend), SHARPEST_STD, DULLEST_STD)
+    of_noise = 2.0 * noise * ((steps[1] - steps[0]) / reach) ** 2
+    deviation = np.clip(DULLEST_STD * np.sqrt(of_noise / bend), SHARPEST_STD, DULLEST_STD)
     return pair.depth(disparity + place), deviation

@@ -40,8 +40,8 @@ def test_the_last_stage_by_contours_stays_where_needles_and_depth_lead_astray(se
     start = Hypotheses((off @ R)[None].astype(np.float32), (T + np.array([0.3, 0.2, 1.0]))[None].astype(np.float32))
     assert plan.by_contours is not None
 
-    def polished(stage, deviations):
-        return refine(start, MODEL, sight.observed, CAMERA, deviations, [stage], plan.jump, sight.others, sight.crease)
+    def polished(stages, deviations):
+        return refine(start, MODEL, sight.observed, CAMERA, deviations, stages, plan.jump, sight.others, sight.crease)
 
     usual, found = polished(plan.last, plan.independent), polished(*plan.by_contours)
     assert rim_errors(found) < 0.5 * rim_errors(usual)

@@ -35,7 +35,7 @@ def test_poses_arrive_wherever_they_come_from(seen):
     start = moved_about()
 
     def polished(poses: Hypotheses) -> Hypotheses:
-        return refine(poses, *where, plan.independent, [plan.last], plan.jump, seen.others, seen.crease)
+        return refine(poses, *where, plan.independent, plan.last, plan.jump, seen.others, seen.crease)
 
     def nats(poses: Hypotheses) -> np.ndarray:
         weighed = support(poses, *where, plan.errors, plan.jump, seen.others, crease=seen.crease)
