@@ -9,6 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 from itree_cad.bundled import bundled_part
 from itree_kernels.instances import Material
 from itree_kernels.mesh import ray_mesh
@@ -17,8 +19,21 @@ from scipy.spatial.transform import Rotation
 from itree_jax.backtracking import MOST_TOLD, soft_steps, unread
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sight import look
-from itree_jax.stereo.dual_stereo import AGREES, block_matching, dual_photometric_stereo, match_windows, searched
-from itree_jax.stereo.second_camera import epipolar_pair, to_first_camera
+from itree_jax.stereo import dual_stereo
+from itree_jax.stereo.dual_stereo import (
+    AGREES,
+    AROUND,
+    DULLEST_STD,
+    SHARPEST_STD,
+    SIZES,
+    WINDOW,
+    block_matching,
+    box_of,
+    dual_photometric_stereo,
+    match_windows,
+    searched,
+)
+from itree_jax.stereo.second_camera import Box, epipolar_pair, to_first_camera
 
 from .two_views import (
     ASIDE,
@@ -96,9 +111,86 @@ def test_windows_without_texture_stay_where_needles_put_them():
     lit = np.ones(z.shape, bool)
     uniform = replace(pair, left=np.full_like(images, 0.4), right=np.full_like(images, 0.4))
     for reach in (2.0, 1.0):
-        matched, _ = match_windows(uniform, z, reach, lit)
-        seen_by_both = matched[:, 60:]
-        np.testing.assert_allclose(seen_by_both, 880.0, atol=0.01)
+        matched, deviation = match_windows(uniform, z, reach, lit)
+        seen_by_both = np.s_[:, 60:]
+        np.testing.assert_allclose(matched[seen_by_both], 880.0, atol=0.01)
+        np.testing.assert_allclose(deviation[seen_by_both], DULLEST_STD, rtol=1e-3)
+
+
+PART_OF_IT = Box(24, 120, 40, 168)
+
+
+def test_what_a_window_tells_does_not_depend_on_what_lies_around(small_bin):
+    """Neither where it lies nor how sure that is, as if a floor without texture were no wider."""
+    pair = epipolar_pair(small_bin.images, small_bin.sensor, small_bin.second)
+    some, rows, columns = pair.within(PART_OF_IT), slice(24, 120), slice(40, 168)
+    z = np.where(small_bin.lit.depth > 0, small_bin.lit.depth, 900.0).astype(float)
+    told = np.zeros(z.shape, bool)
+    told[60:100, 80:140] = True  # the same noise
+    whole = match_windows(pair, z, 1.0, told)
+    cut = match_windows(some, z[rows, columns], 1.0, told[rows, columns])
+    inside = np.s_[WINDOW:-WINDOW, WINDOW:-WINDOW]
+    for a, b, close in zip(whole, cut, (0.02, 0.02), strict=True):
+        off = np.abs(a[rows, columns] - b)[inside]
+        assert np.quantile(off, 0.99) < close
+    assert (cut[1] < 0.5 * (SHARPEST_STD + DULLEST_STD)).mean() > 0.2
+
+
+def test_a_part_of_the_images_is_the_same_geometry(small_bin):
+    pair = epipolar_pair(small_bin.images, small_bin.sensor, small_bin.second)
+    some = pair.within(PART_OF_IT)
+    z = np.array([700.0, 900.0])
+    np.testing.assert_allclose(some.depth(some.disparity(z)), z)
+    np.testing.assert_allclose(some.disparity(z) + PART_OF_IT.left, pair.disparity(z))
+    np.testing.assert_array_equal(some.left, pair.left[:, 24:120, 40:168])
+    ray, at = some.sensor.camera.viewing_ray(np.array([3.0, 5.0])), np.array([43.0, 29.0])
+    np.testing.assert_allclose(ray, pair.sensor.camera.viewing_ray(at))
+    assert (some.sensor.camera.width, some.sensor.camera.height) == (128, 96)
+
+
+@given(st.lists(st.tuples(st.integers(0, CAMERA.height - 1), st.integers(0, CAMERA.width - 1)), max_size=4))
+def test_what_is_looked_at_holds_all_that_is_shown_and_has_one_of_few_sizes(points):
+    shown = np.zeros((CAMERA.height, CAMERA.width), bool)
+    shown[tuple(np.array(points, int).reshape(-1, 2).T)] = True
+    box = box_of(shown, CAMERA)
+    assert 0 <= box.top < box.bottom <= CAMERA.height
+    assert 0 <= box.left < box.right <= CAMERA.width
+    for v, u in points:
+        assert box.top <= max(v - AROUND, 0)
+        assert box.bottom >= min(v + 1 + AROUND, CAMERA.height)
+        assert box.left <= max(u - AROUND, 0)
+        assert box.right >= min(u + 1 + AROUND, CAMERA.width)
+    for size, most in ((box.bottom - box.top, CAMERA.height), (box.right - box.left, CAMERA.width)):
+        assert size % SIZES == 0 or size == most
+    if not points:
+        assert box == box_of(None, CAMERA) == Box(0, CAMERA.height, 0, CAMERA.width)
+
+
+def test_nothing_is_known_far_from_what_a_light_shows(small_bin):
+    images, other = small_bin.images.copy(), small_bin.second.images.copy()
+    images[..., :100], other[..., :80] = 0.0, 0.0
+    stereo = dual_photometric_stereo(images, small_bin.sensor, replace(small_bin.second, images=other))
+    box = stereo.found.box
+    assert box.left > 40
+    assert stereo.found.surface.shape == (box.bottom - box.top, box.right - box.left)
+    assert not stereo.depth[:, :40].any()
+    part = (small_bin.lit.instance < 2) & (small_bin.lit.instance >= 0)
+    off = np.abs(stereo.depth - small_bin.lit.depth)[part & stereo.by_needles]
+    assert len(off) > 1000
+    assert np.median(off) < 0.6
+
+
+def test_a_later_look_goes_on_from_the_first(small_bin, depths, monkeypatch):
+    """On the same images it finds about the same, and matches neither blocks nor pieces again."""
+    first, _ = depths
+    for name in ("block_matching", "match_pieces"):
+        monkeypatch.setattr(dual_stereo, name, None)
+    again = dual_photometric_stereo(small_bin.images, small_bin.sensor, small_bin.second, before=first.found)
+    np.testing.assert_array_equal(again.by_needles, first.by_needles)
+    part = (small_bin.lit.instance < 2) & (small_bin.lit.instance >= 0) & first.by_needles
+    assert np.median(np.abs(again.depth - first.depth)[part]) < 0.1
+    off = [np.median(np.abs(one.depth - small_bin.lit.depth)[part]) for one in (first, again)]
+    assert off[1] < 1.1 * off[0]
 
 
 def test_surface_without_needles_makes_regions_of_its_own(small_bin):
