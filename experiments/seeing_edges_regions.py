@@ -30,6 +30,7 @@ from seeing_truth import Seen, data_set, kind_at, simulated
 
 from itree_jax.sensing.boundaries import REACH, Boundary, BoundaryLabel, boundary_labels
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges, scene_edges
+from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.photometric import needle_map
 from itree_jax.sensing.region_cuts import Cuts
@@ -91,6 +92,7 @@ def measure(seen: Seen, counts: dict[str, Any]) -> None:
     """Adds one image to the counts."""
     needle = NeedleMap(*(np.asarray(a) for a in needle_map(seen.images, seen.sensor)))
     mask = detectable(needle, seen.sensor)
+    lit = lit_by_any(seen.images, seen.sensor, needle)
     add_regions(counts, f"{seen.group} | - | truth", true_regions(mask, seen.instance), mask, seen)
     for known, depth in (("with depth", seen.depth), ("without depth", None)):
         start = time.perf_counter()
@@ -99,10 +101,10 @@ def measure(seen: Seen, counts: dict[str, Any]) -> None:
         counts["edges"][f"{seen.group} | {known}"] += edge_confusion(edges, seen)
         for name, cuts in CUTS.items():
             start = time.perf_counter()
-            labels = regions(needle, depth, seen.sensor, edges=edges, cuts=cuts).labels
+            labels = regions(needle, depth, seen.sensor, edges=edges, cuts=cuts, lit=lit).labels
             counts["times"].setdefault(f"regions {known}, {name}", []).append(time.perf_counter() - start)
             add_regions(counts, f"{seen.group} | {known} | {name}", labels, mask, seen)
-        found = regions(needle, depth, seen.sensor, edges=edges)
+        found = regions(needle, depth, seen.sensor, edges=edges, lit=lit)
         start = time.perf_counter()
         boundary = boundary_labels(found, edges, seen.sensor)
         counts["times"].setdefault("boundary_labels", []).append(time.perf_counter() - start)
