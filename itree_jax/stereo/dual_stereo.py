@@ -205,8 +205,8 @@ def match_windows(
     """Depth [mm] and its deviation [mm] from windows along the surface z, moved by up to `reach` [px] of disparity.
 
     A window without texture looks alike wherever it lies: to move by the whole reach, the views must come to agree
-    better by more than noise makes them differ, so that it stays where needles put it. How sharply the difference of the
-    views rises about its least tells the deviation: what rises no more than that by itself has `DULLEST_STD`.
+    better by more than noise makes them differ, so that it stays where needles put it. How sharply the difference rises
+    about its least tells the deviation: what rises no more than noise is reckoned with has `DULLEST_STD`.
     """
     disparity = pair.disparity(z)
     steps = np.linspace(-reach, reach, 17)
