@@ -33,7 +33,7 @@ PIECE_STD = 0.7  # [mm] of a piece's depth: a quarter of a pixel
 SHARPEST_STD, DULLEST_STD = 0.4, 1.0  # [mm] of a window's match
 AGREES = 4.0  # [mm] a pixel without a needle is known where the block matcher says the same: a pixel of disparity
 REACHES = (2.0, 1.0)  # [px] of disparity that windows are moved by, one after the other
-AROUND = 16  # [px] beside what a light shows: as far as windows reach that meet it
+AROUND = 16  # [px] beside what a light shows: more than windows reach that meet it
 SIZES = 64  # [px]: sides of what is looked at are multiples of it, so that few shapes are compiled
 ABSOLUTE_SPREAD = np.sqrt(1.0 - 2.0 / np.pi)  # of a Gaussian's absolute value, over its own deviation
 # What a trusted pixel's depth is off by, as a share of a pixel of disparity; neighbours share nearly all of it.
@@ -133,6 +133,7 @@ def _told(pair: EpipolarPair, needle: NeedleMap, box: Box) -> _Told:
 
 
 def _first_found(whole: EpipolarPair, needle: NeedleMap) -> Found:
+    """Blocks, then pieces, then windows along the surface that these and the needles make."""
     box = box_of(lit_by_any(whole.left_stored, whole.sensor, needle), whole.sensor.camera)
     rows = whole.within(box._replace(left=0, right=whole.sensor.camera.width))  # a block matcher wants both alike
     coarse = block_matching(rows, *searched(rows))[:, box.left : box.right]
