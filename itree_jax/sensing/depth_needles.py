@@ -17,13 +17,10 @@ import cv2
 import numpy as np
 from itree_kernels.camera import Camera
 from itree_kernels.depth_normals import depth_normals
-from itree_kernels.window_fits import window_sums
 from jaxtyping import Bool, Float
 
-from itree_jax.batches import on_all_cores
-
 RADIUS = 4  # [px]: 9 x 9 pixels; 0.3 mm of noise at half a millimetre per pixel turn a normal by 1.3 degrees
-SMALLER = (1, 2)  # [px] less than the radius, in turn; 5 x 5 pixels turn it by four degrees
+SMALLER = 2  # [px] that the smallest radius is less; 5 x 5 pixels turn a normal by four degrees
 LEAST_KNOWN = 0.6  # of a window's pixels; the others take the plane through their neighbours
 
 
@@ -47,9 +44,8 @@ def depth_needles(
     value = z if camera.is_orthographic else 1.0 / z
     mean = float(value.mean())
     filled, full = _filled(value - mean, there, radius)
-    radii = [radius - less for less in (0, *SMALLER) if radius - less > 0]
-    sums = on_all_cores(lambda r: window_sums(filled, full, r), radii)
-    return DepthNeedles(*depth_normals(z, there, full, mean, camera, noise, radii, sums))
+    least = max(radius - SMALLER, 1)
+    return DepthNeedles(*depth_normals(z, there, filled, full, mean, camera, noise, radius, least))
 
 
 def _filled(

@@ -4,8 +4,6 @@
 # pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
-from collections.abc import Sequence
-
 import numpy as np
 import warp as wp
 from jaxtyping import Bool, Float
@@ -13,7 +11,7 @@ from jaxtyping import Bool, Float
 from itree_kernels.camera import Camera
 from itree_kernels.threads import launch_in_chunks
 from itree_kernels.warp_start import load_kernel, warp_device
-from itree_kernels.window_fits import ONE, TWO, ZERO, Fit, added_by_third_order, fit_around
+from itree_kernels.window_fits import ONE, TWO, ZERO, Fit, Sums, added_by_third_order, fit_to, sums_at, window_sums
 
 FITS = wp.constant(wp.float64(3.0))  # standard deviations of the sum of squared residuals above what noise gives: one
 # window in a thousand
@@ -25,7 +23,6 @@ BENT = wp.constant(wp.float64(60.0))  # of the same sum: a crease of 45 degrees 
 MOST_ADDED = wp.constant(wp.float64(0.06))  # [rad] by the third order: the fourth, unknown, is then within a degree
 LEAST_NOISE = wp.constant(wp.float64(0.05))  # of a pixel's size: what smooth surfaces depart from quadratic ones
 PIXEL_WORK = 8  # rays that a pixel's windows take as long as
-MOST_RADII = 3
 
 
 @wp.struct
@@ -78,14 +75,13 @@ def as_noisy(fit: Fit, squares: wp.float64, variance: wp.float64, radius: int, t
 
 @wp.func
 def take_around(
-    taken: Taken, sums: wp.array3d(dtype=wp.float64), radius: int, lens: Lens, z: wp.float64, i: int, j: int,
-    unless_bent: bool, allowed: bool,
+    taken: Taken, sums: Sums, radius: int, lens: Lens, z: wp.float64, i: int, j: int, unless_bent: bool
 ) -> Taken:
     """A pixel without a window takes the slope of the quadratic surface that fits around, less what the third order
     adds.
     """
-    if taken.side == 0 and allowed:
-        fit = fit_around(sums, i, j, radius)
+    if taken.side == 0:
+        fit = fit_to(sums, radius)
         variance = variance_at(lens, z)
         straight = not unless_bent or fit.curved <= BENT * variance
         if straight and as_noisy(fit, fit.planar - fit.curved, variance, radius, 6):
@@ -102,7 +98,7 @@ def take_around(
 
 @wp.func
 def take_beside(
-    taken: Taken, sums: wp.array3d(dtype=wp.float64), radius: int, lens: Lens, depth: wp.array2d(dtype=wp.float64),
+    taken: Taken, sums: wp.array2d(dtype=Sums), radius: int, lens: Lens, depth: wp.array2d(dtype=wp.float64),
     i: int, j: int,
 ) -> Taken:
     """A pixel without a window takes the flattest one that has it on its border, if that is a plane."""
@@ -114,7 +110,7 @@ def take_beside(
                 column = j + right * radius
                 inside = row >= 0 and row < depth.shape[0] and column >= 0 and column < depth.shape[1]
                 if inside and (down != 0 or right != 0):
-                    fit = fit_around(sums, row, column, radius)
+                    fit = fit_to(sums[row, column], radius)
                     variance = variance_at(lens, depth[row, column])
                     if as_noisy(fit, fit.planar, variance, radius, 3) and fit.curved <= FLAT * variance:
                         score = fit.planar / variance
@@ -158,14 +154,12 @@ def depth_normals_kernel(
     # In:
     there: wp.array2d(dtype=wp.bool),
     depth: wp.array2d(dtype=wp.float64),
+    value: wp.array2d(dtype=wp.float64),
     full: wp.array2d(dtype=wp.bool),
     lens: Lens,
-    radius_0: int,
-    radius_1: int,
-    radius_2: int,
-    sums_0: wp.array3d(dtype=wp.float64),
-    sums_1: wp.array3d(dtype=wp.float64),
-    sums_2: wp.array3d(dtype=wp.float64),
+    radius: int,
+    least: int,
+    sums: wp.array2d(dtype=Sums),
     first: int,
     # Out:
     normals: wp.array2d(dtype=wp.vec3),
@@ -179,13 +173,14 @@ def depth_normals_kernel(
     normal = wp.vec3d()
     found = wp.bool(False)
     if there[i, j]:
-        taken = take_around(taken, sums_0, radius_0, lens, z, i, j, True, True)
-        taken = take_beside(taken, sums_0, radius_0, lens, depth, i, j)
-        taken = take_around(taken, sums_0, radius_0, lens, z, i, j, False, full[i, j])
-        if radius_1 > 0:
-            taken = take_around(taken, sums_1, radius_1, lens, z, i, j, False, full[i, j])
-        if radius_2 > 0:
-            taken = take_around(taken, sums_2, radius_2, lens, z, i, j, False, full[i, j])
+        taken = take_around(taken, sums[i, j], radius, lens, z, i, j, True)
+        taken = take_beside(taken, sums, radius, lens, depth, i, j)
+        if full[i, j]:
+            taken = take_around(taken, sums[i, j], radius, lens, z, i, j, False)
+            for smaller in range(1, radius - least + 1):
+                if taken.side == 0:
+                    alone = sums_at(value, full, i, j, radius - smaller)
+                    taken = take_around(taken, alone, radius - smaller, lens, z, i, j, False)
         if taken.side > 0:
             normal = normal_of(taken, lens, i, j)
             found = normal[2] < ZERO
@@ -199,25 +194,27 @@ def depth_normals_kernel(
 
 def depth_normals(
     depth: Float[np.ndarray, "height width"], there: Bool[np.ndarray, "height width"],
-    full: Bool[np.ndarray, "height width"], mean: float, camera: Camera, noise: float, radii: Sequence[int],
-    sums: Sequence[Float[np.ndarray, "sums height width"]],
+    value: Float[np.ndarray, "height width"], full: Bool[np.ndarray, "height width"], mean: float, camera: Camera,
+    noise: float, radius: int, least: int,
 ) -> tuple[Float[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"], Float[np.ndarray, "height width"]]:
     """Unit normals toward the camera, where they are known, and their standard deviations [rad].
 
-    `depth` [mm] is positive everywhere, and measured where it is `there`; `full` where a window may be used; `sums` are
-    those of windows of up to three `radii`, the largest first, of the value less its `mean`. Runs on the host.
+    `depth` [mm] is positive everywhere, and measured where it is `there`; `value`, what is fitted, less its `mean`, has
+    to be known where it is `full`. Windows have this `radius`, and where none fits smaller ones down to the `least`.
+    Runs on the host.
     """
     device, height = warp_device("cpu"), len(depth)
     lens = Lens()
     lens.fx, lens.fy, lens.cx, lens.cy = camera.fx, camera.fy, camera.cx, camera.cy
     lens.orthographic, lens.mean, lens.noise = camera.is_orthographic, mean, noise
-    none = MOST_RADII - len(radii)
 
     def on_device(array: np.ndarray, kind: type) -> wp.array:
         return wp.array(np.ascontiguousarray(array), dtype=kind, device=device, copy=False)
 
-    fields = [on_device(there, wp.bool), on_device(depth, wp.float64), on_device(full, wp.bool)]
-    windows = [on_device(s, wp.float64) for s in sums] + none * [wp.empty((0, 0, 0), dtype=wp.float64, device=device)]
+    fields = [
+        on_device(there, wp.bool), on_device(depth, wp.float64), on_device(value, wp.float64), on_device(full, wp.bool),
+    ]  # fmt: skip
+    sums = window_sums(*fields[2:], radius)
     found = [
         wp.empty(depth.shape, dtype=wp.vec3, device=device), wp.empty(depth.shape, dtype=wp.bool, device=device),
         wp.empty(depth.shape, dtype=float, device=device),
@@ -226,7 +223,7 @@ def depth_normals(
     def choose_in_rows(first: int, last: int) -> None:
         wp.launch(
             depth_normals_kernel, dim=(last - first, depth.shape[1]),
-            inputs=[*fields, lens, *radii, *none * [0], *windows, first], outputs=found, device=device,
+            inputs=[*fields, lens, radius, least, sums, first], outputs=found, device=device,
         )  # fmt: skip
 
     load_kernel(depth_normals_kernel, device)

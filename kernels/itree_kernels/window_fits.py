@@ -9,12 +9,15 @@ middle as the plane, and how much better it fits is the sum of three squares (Ha
 # pyright: reportCallIssue=false, reportGeneralTypeIssues=false, reportInvalidTypeForm=false
 # pyright: reportIndexIssue=false, reportOperatorIssue=false
 
-import cv2
-import numpy as np
 import warp as wp
-from jaxtyping import Bool, Float
 
-SUMS = 8  # of the value, times u, v, uv, u^2 and v^2, of its square, and of pixels that are known
+from itree_kernels.threads import launch_in_chunks
+from itree_kernels.warp_start import load_kernel
+
+Sums = wp.types.vector(length=8, dtype=wp.float64)  # of the value, times u, v, uv, u^2 and v^2, of its square, and of
+# pixels that are known
+SUMS_OF_ROW = 5
+TOGETHER = wp.constant(32)  # rows: their sums are read and written while they are in the cache
 ROUNDS = 2  # the slope that the third order is taken at is itself corrected: once is right within a tenth
 ZERO = wp.constant(wp.float64(0.0))
 HALF = wp.constant(wp.float64(0.5))
@@ -51,27 +54,27 @@ def mean_fourth(radius: int) -> wp.float64:
 
 
 @wp.func
-def fit_around(sums: wp.array3d(dtype=wp.float64), i: int, j: int, radius: int) -> Fit:
-    """From the sums of the window in the middle of which pixel (i, j) is."""
+def fit_to(sums: Sums, radius: int) -> Fit:
+    """From the sums over a window."""
     m2 = mean_square(radius)
     m4 = mean_fourth(radius)
     side = wp.float64(2 * radius + 1)
     count = side * side
     spread = m4 - m2 * m2
     fit = Fit()
-    fit.mean = sums[0, i, j] / count
-    u = sums[1, i, j] / (count * m2)
-    v = sums[2, i, j] / (count * m2)
-    uv = sums[3, i, j] / (count * m2 * m2)
-    uu = (sums[4, i, j] / count - m2 * fit.mean) / spread
-    vv = (sums[5, i, j] / count - m2 * fit.mean) / spread
-    around = sums[6, i, j] - count * fit.mean * fit.mean
+    fit.mean = sums[0] / count
+    u = sums[1] / (count * m2)
+    v = sums[2] / (count * m2)
+    uv = sums[3] / (count * m2 * m2)
+    uu = (sums[4] / count - m2 * fit.mean) / spread
+    vv = (sums[5] / count - m2 * fit.mean) / spread
+    around = sums[6] - count * fit.mean * fit.mean
     fit.slope = wp.vec2d(u, v)
     fit.bend = wp.vec3d(TWO * uu, uv, TWO * vv)
     fit.planar = wp.max(around - count * m2 * (u * u + v * v), ZERO)
     fit.curved = count * (m2 * m2 * uv * uv + spread * (uu * uu + vv * vv))
     fit.middle = fit.mean - m2 * (uu + vv)
-    fit.full = sums[7, i, j] > count - HALF
+    fit.full = sums[7] > count - HALF
     return fit
 
 
@@ -121,18 +124,134 @@ def added_by_third_order(
     return over
 
 
-def window_sums(
-    value: Float[np.ndarray, "height width"], known: Bool[np.ndarray, "height width"], radius: int
-) -> Float[np.ndarray, "sums height width"]:
-    """The sums over the window around every pixel that fits are made of; those at the rim lack pixels. Best with the
-    map's mean taken out: digits.
+@wp.func
+def moved_on(moments: wp.vec3d, entering: wp.float64, leaving: wp.float64, radius: int) -> wp.vec3d:
+    """Sums of the values in a row of pixels, of these times u and times u^2 (u from its middle), one pixel farther on.
     """
-    steps = np.arange(-radius, radius + 1.0)
-    ones, squares = np.ones_like(steps), steps**2
-    value = np.where(known, value, 0.0)
-    sums = np.empty((SUMS, *value.shape))
-    terms = ((ones, ones), (ones, steps), (steps, ones), (steps, steps), (ones, squares), (squares, ones))
-    fields = (*((value, *term) for term in terms), (value**2, ones, ones), (known.astype(np.float64), ones, ones))
-    for total, (field, over_v, over_u) in zip(sums, fields, strict=True):
-        cv2.sepFilter2D(field, cv2.CV_64F, over_u, over_v, dst=total, borderType=cv2.BORDER_CONSTANT)
+    after = wp.float64(radius)
+    before = after + ONE
+    return wp.vec3d(
+        moments[0] + entering - leaving,
+        moments[1] - moments[0] + after * entering + before * leaving,
+        moments[2] - TWO * moments[1] + moments[0] + after * after * entering - before * before * leaving,
+    )
+
+
+@wp.kernel(enable_backward=False)
+def sums_along_rows_kernel(
+    # In:
+    value: wp.array2d(dtype=wp.float64),
+    known: wp.array2d(dtype=wp.bool),
+    radius: int,
+    first: int,
+    # Out:
+    rows: wp.array3d(dtype=wp.float64),
+):
+    """Of the pixels beside every pixel: sums of the value, of it times u and u^2, of its square, and their number."""
+    i = first + wp.tid()
+    width = value.shape[1]
+    moments = wp.vec3d()
+    square = wp.float64(0.0)
+    count = wp.float64(0.0)
+    for j in range(-radius, width):
+        entering = wp.float64(0.0)
+        leaving = wp.float64(0.0)
+        enters = j + radius
+        leaves = enters - 2 * radius - 1
+        if enters < width and known[i, enters]:
+            entering = value[i, enters]
+            count += ONE
+        if leaves >= 0 and known[i, leaves]:
+            leaving = value[i, leaves]
+            count -= ONE
+        moments = moved_on(moments, entering, leaving, radius)
+        square += entering * entering - leaving * leaving
+        if j >= 0:
+            rows[0, i, j] = moments[0]
+            rows[1, i, j] = moments[1]
+            rows[2, i, j] = moments[2]
+            rows[3, i, j] = square
+            rows[4, i, j] = count
+
+
+@wp.kernel(enable_backward=False)
+def sums_of_windows_kernel(
+    # In:
+    rows: wp.array3d(dtype=wp.float64),
+    radius: int,
+    first: int,
+    # Out:
+    sums: wp.array2d(dtype=Sums),
+):
+    """What `fit_to` takes, of `TOGETHER` pixels of a column."""
+    k, j = wp.tid()
+    height = rows.shape[1]
+    top = (first + k) * TOGETHER
+    plain = wp.vec3d()
+    along_u = wp.vec3d()
+    others = wp.vec3d()  # of the value times u^2, of its square, of pixels that are known
+    for i in range(top - 2 * radius, wp.min(top + TOGETHER, height)):
+        entering = wp.vec2d()
+        leaving = wp.vec2d()
+        enters = i + radius
+        leaves = enters - 2 * radius - 1
+        if enters >= 0 and enters < height:
+            entering = wp.vec2d(rows[0, enters, j], rows[1, enters, j])
+            others += wp.vec3d(rows[2, enters, j], rows[3, enters, j], rows[4, enters, j])
+        if leaves >= 0 and leaves >= top - radius:
+            leaving = wp.vec2d(rows[0, leaves, j], rows[1, leaves, j])
+            others -= wp.vec3d(rows[2, leaves, j], rows[3, leaves, j], rows[4, leaves, j])
+        plain = moved_on(plain, entering[0], leaving[0], radius)
+        along_u = moved_on(along_u, entering[1], leaving[1], radius)
+        if i >= top:
+            sums[i, j] = Sums(
+                plain[0], along_u[0], plain[1], along_u[1], others[0], plain[2], others[1], others[2]
+            )
+
+
+@wp.func
+def sums_at(
+    value: wp.array2d(dtype=wp.float64), known: wp.array2d(dtype=wp.bool), i: int, j: int, radius: int
+) -> Sums:
+    """The same of one window alone."""
+    sums = Sums()
+    for down in range(-radius, radius + 1):
+        for right in range(-radius, radius + 1):
+            row = i + down
+            column = j + right
+            if row >= 0 and row < value.shape[0] and column >= 0 and column < value.shape[1]:
+                if known[row, column]:
+                    f = value[row, column]
+                    u = wp.float64(right)
+                    v = wp.float64(down)
+                    sums += Sums(f, f * u, f * v, f * u * v, f * u * u, f * v * v, f * f, ONE)
+    return sums
+
+
+def window_sums(value: wp.array2d, known: wp.array2d, radius: int) -> wp.array2d:
+    """The sums over the window around every pixel of a map in double precision; those at the rim lack pixels. Best with
+    the map's mean taken out: digits. Runs on the host.
+
+    A window's sums come from its neighbour's, by what enters and what leaves: along rows, then down columns.
+    """
+    device, (height, width) = value.device, value.shape
+    rows = wp.empty((SUMS_OF_ROW, height, width), dtype=wp.float64, device=device)
+    sums = wp.empty((height, width), dtype=Sums, device=device)
+
+    def along_rows(first: int, last: int) -> None:
+        wp.launch(
+            sums_along_rows_kernel, dim=last - first, inputs=[value, known, radius, first], outputs=[rows],
+            device=device,
+        )  # fmt: skip
+
+    def down_columns(first: int, last: int) -> None:
+        wp.launch(
+            sums_of_windows_kernel, dim=(last - first, width), inputs=[rows, radius, first], outputs=[sums],
+            device=device,
+        )  # fmt: skip
+
+    for kernel in (sums_along_rows_kernel, sums_of_windows_kernel):
+        load_kernel(kernel, device)
+    launch_in_chunks(along_rows, height, width, device)
+    launch_in_chunks(down_columns, -(-height // TOGETHER), TOGETHER * width, device)
     return sums

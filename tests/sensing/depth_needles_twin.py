@@ -55,7 +55,7 @@ def depth_needles_twin(
     pitch = np.full_like(z, 1.0 / camera.fx) if camera.is_orthographic else z / camera.fx
     values = _values(z, there, pitch, camera, noise, radius)
     taken = _Taken(np.zeros((*z.shape, 2)), np.zeros_like(z), np.zeros(z.shape, np.int64))
-    radii = [radius - less for less in (0, *SMALLER) if radius - less > 0]
+    radii = range(radius, max(radius - SMALLER, 1) - 1, -1)
     fits = [window_fits(values.value, values.full, r) for r in radii]
     _take_around(taken, fits[0], values, camera, fits[0].curved <= BENT * values.variance)
     _take_beside(taken, fits[0], values)
