@@ -8,10 +8,12 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float
 
 from itree_jax.kept_functions import kept
 from itree_jax.sensing.needle import Array, NeedleMap
+from itree_jax.sensing.pixel_row import as_row
 
 # Interreflection adds to a lit pixel about 5 % of its albedo (in bins rendered with two bounces, 15 % of the pixels are
 # off by more than 3 %, and they carry most of the error of the normals).
@@ -28,7 +30,10 @@ def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
     The weight is there because a bin is often much darker than what lies in it, and larger. 0 where no pixel is
     interpretable.
     """
-    return mode_of_albedo(needle.albedo, needle.interpretable)
+    albedo, interpretable = needle.albedo, needle.interpretable
+    if isinstance(albedo, np.ndarray) and isinstance(interpretable, np.ndarray):
+        albedo, interpretable = as_row(albedo), as_row(interpretable)
+    return mode_of_albedo(albedo, interpretable)
 
 
 @kept()

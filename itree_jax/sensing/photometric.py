@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
@@ -20,6 +21,7 @@ from itree_jax.sensing.least_squares import LightPlanes, Symmetric, light_sum, n
 from itree_jax.sensing.near_lights import lights_of
 from itree_jax.sensing.needle import Array, NeedleMap
 from itree_jax.sensing.noise_model import intensity_std, saturation_level
+from itree_jax.sensing.pixel_row import as_map, as_row
 from itree_jax.sensing.reaching import (
     DEFAULT_SLANT_LIMIT,
     LIGHTS_NEEDED,
@@ -73,6 +75,18 @@ def needle_map(
     """
     lights = lights_of(sensor, depth)
     return photometric_stereo(images, *lights, sensor.noise, sensor.slant_limit, albedo_tolerance)
+
+
+def needle_map_on_host(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, depth: Float[np.ndarray, "height width"] | None
+) -> NeedleMap:
+    """The same of one image, as NumPy arrays; under distant lights few sizes of images are compiled for."""
+    if sensor.light_positions is not None:
+        return NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
+    height, width = images.shape[-2:]
+    found = jax.device_get(needle_map(as_row(images), sensor))
+    normals = found.normals[0, : height * width].reshape(height, width, 3)
+    return NeedleMap(normals, *(as_map(a, height, width) for a in found[1:]))
 
 
 @kept("noise")

@@ -9,7 +9,7 @@ from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.depth_steps import depth_noise
 from itree_jax.sensing.material_response import MaterialResponse, apply_response, fit_response
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.photometric import needle_map
+from itree_jax.sensing.photometric import needle_map_on_host
 from itree_jax.sensor import Sensor
 
 
@@ -34,7 +34,7 @@ def first_needles(
 ) -> NeedleMap:
     """The needle map before anything is known of the material's response."""
     if not sensor.is_depth_camera:
-        return NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
+        return needle_map_on_host(images, sensor, depth)
     if depth is None:
         raise ItreeError("a depth camera's needle map comes from its depth map, and there is none")
     return needles_of_depth(depth, sensor)

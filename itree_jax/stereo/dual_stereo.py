@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from itree_kernels.camera import Camera
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from itree_jax.batches import on_all_cores
+from itree_jax.sensing.box import Box, box_of, in_image
 from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
@@ -23,7 +23,7 @@ from itree_jax.sensing.reading import read_needles, turned_back
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
 from itree_jax.stereo.needle_surface import Slopes, needle_slopes, surface
-from itree_jax.stereo.second_camera import Box, EpipolarPair, SecondCamera, epipolar_pair, to_first_camera
+from itree_jax.stereo.second_camera import EpipolarPair, SecondCamera, epipolar_pair, to_first_camera
 
 NEAREST, FARTHEST = 0.75, 1.05  # of the working distance: a bin is no deeper than a quarter of it, its floor no lower
 WINDOW = 9  # [px], along the surface
@@ -89,32 +89,6 @@ def searched(pair: EpipolarPair) -> tuple[int, int]:
     return int(np.floor(first)), int(np.ceil(last))
 
 
-def box_of(shown: Bool[np.ndarray, "height width"] | None, camera: Camera) -> Box:
-    """The part of an image that holds all that is shown and what lies `AROUND` it, of one of few sizes; all of it
-    where nothing is, or that isn't told.
-    """
-    if shown is None or not shown.any():
-        return Box(0, camera.height, 0, camera.width)
-
-    def span(there: Int[np.ndarray, "n"], size: int) -> tuple[int, int]:
-        first, last = max(int(there[0]) - AROUND, 0), min(int(there[-1]) + 1 + AROUND, size)
-        length = min(-(-(last - first) // SIZES) * SIZES, size)
-        first = min(first, size - length)
-        return first, first + length
-
-    return Box(*(span(np.flatnonzero(shown.any(axis=1)), camera.height)),
-               *(span(np.flatnonzero(shown.any(axis=0)), camera.width)))
-
-
-def in_image(
-    values: Float[np.ndarray, "rows columns"], box: Box, camera: Camera
-) -> Float[np.ndarray, "height width"]:
-    """What is known of a part of an image, and 0 around it."""
-    whole = np.zeros((camera.height, camera.width))
-    whole[box.top : box.bottom, box.left : box.right] = values
-    return whole
-
-
 class _Told(NamedTuple):
     """What the needles of a part of the left images tell."""
 
@@ -134,7 +108,7 @@ def _told(pair: EpipolarPair, needle: NeedleMap, box: Box) -> _Told:
 
 def _first_found(whole: EpipolarPair, needle: NeedleMap) -> Found:
     """Blocks, then pieces, then windows along the surface that these and the needles make."""
-    box = box_of(lit_by_any(whole.left_stored, whole.sensor, needle), whole.sensor.camera)
+    box = box_of(lit_by_any(whole.left_stored, whole.sensor, needle), whole.sensor.camera, AROUND, SIZES)
     rows = whole.within(box._replace(left=0, right=whole.sensor.camera.width))  # a block matcher wants both alike
     coarse = block_matching(rows, *searched(rows))[:, box.left : box.right]
     pair = whole.within(box)

@@ -1,7 +1,6 @@
 """The second camera of a scene, and both cameras' images on common epipolar lines."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -9,6 +8,7 @@ from itree_kernels.camera import Camera
 from itree_kernels.errors import ItreeError
 from jaxtyping import Float
 
+from itree_jax.sensing.box import Box
 from itree_jax.sensing.lights import axis_point, directions_on_axis
 from itree_jax.sensor import Sensor
 
@@ -37,15 +37,6 @@ class SecondCamera:
         return replace(self, sensor=sensor)
 
 
-class Box(NamedTuple):
-    """A part of an image [px]: rows top .. bottom - 1, columns left .. right - 1."""
-
-    top: int
-    bottom: int
-    left: int
-    right: int
-
-
 @dataclass(frozen=True, eq=False)
 class EpipolarPair:
     """Both cameras' images over the strength of their lights, with rows as common epipolar lines.
@@ -63,16 +54,11 @@ class EpipolarPair:
 
     def within(self, box: Box) -> "EpipolarPair":
         """The same of a part of the left images; of the right ones, their rows."""
-        rows, columns = slice(box.top, box.bottom), slice(box.left, box.right)
-        camera = replace(
-            self.sensor.camera, cx=self.sensor.camera.cx - box.left, cy=self.sensor.camera.cy - box.top,
-            width=box.right - box.left, height=box.bottom - box.top,
-        )
         return replace(
-            self, left=self.left[:, rows, columns], right=self.right[:, rows],
-            left_stored=self.left_stored[:, rows, columns], sensor=replace(self.sensor, camera=camera),
-            offset=self.offset - box.left,
-        )
+            self, left=box.of(self.left), right=self.right[:, box.top : box.bottom],
+            left_stored=box.of(self.left_stored), offset=self.offset - box.left,
+            sensor=replace(self.sensor, camera=box.seen_by(self.sensor.camera)),
+        )  # fmt: skip
 
     def disparity(self, z: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
         """[px] at these depths [mm]."""

@@ -137,6 +137,15 @@ def moved_on(moments: wp.vec3d, entering: wp.float64, leaving: wp.float64, radiu
     )
 
 
+@wp.func
+def is_known(known: wp.array2d(dtype=wp.bool), i: int, j: int) -> bool:
+    """No pixel beyond the map is."""
+    found = wp.bool(False)
+    if i >= 0 and i < known.shape[0] and j >= 0 and j < known.shape[1]:
+        found = known[i, j]
+    return found
+
+
 @wp.kernel(enable_backward=False)
 def sums_along_rows_kernel(
     # In:
@@ -158,10 +167,10 @@ def sums_along_rows_kernel(
         leaving = wp.float64(0.0)
         enters = j + radius
         leaves = enters - 2 * radius - 1
-        if enters < width and known[i, enters]:
+        if is_known(known, i, enters):
             entering = value[i, enters]
             count += ONE
-        if leaves >= 0 and known[i, leaves]:
+        if is_known(known, i, leaves):
             leaving = value[i, leaves]
             count -= ONE
         moments = moved_on(moments, entering, leaving, radius)
@@ -219,16 +228,15 @@ def sums_at(
         for right in range(-radius, radius + 1):
             row = i + down
             column = j + right
-            if row >= 0 and row < value.shape[0] and column >= 0 and column < value.shape[1]:
-                if known[row, column]:
-                    f = value[row, column]
-                    u = wp.float64(right)
-                    v = wp.float64(down)
-                    sums += Sums(f, f * u, f * v, f * u * v, f * u * u, f * v * v, f * f, ONE)
+            if is_known(known, row, column):
+                f = value[row, column]
+                u = wp.float64(right)
+                v = wp.float64(down)
+                sums += Sums(f, f * u, f * v, f * u * v, f * u * u, f * v * v, f * f, ONE)
     return sums
 
 
-def window_sums(value: wp.array2d, known: wp.array2d, radius: int) -> wp.array2d:
+def window_sums(value: wp.array, known: wp.array, radius: int) -> wp.array:
     """The sums over the window around every pixel of a map in double precision; those at the rim lack pixels. Best with
     the map's mean taken out: digits. Runs on the host.
 

@@ -17,6 +17,7 @@ from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.backtracking import MOST_TOLD, soft_steps, unread
+from itree_jax.sensing.box import Box, box_of
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sight import look
 from itree_jax.stereo import dual_stereo
@@ -28,12 +29,11 @@ from itree_jax.stereo.dual_stereo import (
     SIZES,
     WINDOW,
     block_matching,
-    box_of,
     dual_photometric_stereo,
     match_windows,
     searched,
 )
-from itree_jax.stereo.second_camera import Box, epipolar_pair, to_first_camera
+from itree_jax.stereo.second_camera import epipolar_pair, to_first_camera
 
 from .two_views import (
     ASIDE,
@@ -152,7 +152,7 @@ def test_a_part_of_the_images_is_the_same_geometry(small_bin):
 def test_what_is_looked_at_holds_all_that_is_shown_and_has_one_of_few_sizes(points):
     shown = np.zeros((CAMERA.height, CAMERA.width), bool)
     shown[tuple(np.array(points, int).reshape(-1, 2).T)] = True
-    box = box_of(shown, CAMERA)
+    box = box_of(shown, CAMERA, AROUND, SIZES)
     assert 0 <= box.top < box.bottom <= CAMERA.height
     assert 0 <= box.left < box.right <= CAMERA.width
     for v, u in points:
@@ -163,7 +163,7 @@ def test_what_is_looked_at_holds_all_that_is_shown_and_has_one_of_few_sizes(poin
     for size, most in ((box.bottom - box.top, CAMERA.height), (box.right - box.left, CAMERA.width)):
         assert size % SIZES == 0 or size == most
     if not points:
-        assert box == box_of(None, CAMERA) == Box(0, CAMERA.height, 0, CAMERA.width)
+        assert box == box_of(None, CAMERA, AROUND, SIZES) == Box(0, CAMERA.height, 0, CAMERA.width)
 
 
 def test_nothing_is_known_far_from_what_a_light_shows(small_bin):
