@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -33,6 +34,14 @@ EDGE_REACH = 2.0  # [px] within which an edge is a contour's: half a pixel each 
 CREASE = np.radians(25.0)  # a surface that turns by less is a curved one's facets
 
 
+class ReadFrom(NamedTuple):
+    """The images of two cameras, and their needle maps before anything is known of the material's response."""
+
+    images: Float[np.ndarray, "lights height width"]
+    second: SecondCamera
+    needles: tuple[NeedleMap, NeedleMap]
+
+
 @dataclass(frozen=True)
 class Sight:
     """What one image shows, whatever part is looked for."""
@@ -58,6 +67,7 @@ class Sight:
     lit: Bool[np.ndarray, "height width"] | None = None  # a light shows the parts' material; None: not told
     dark: Regions | None = None  # of bin and floor; None: not told
     stereo: Found | None = None  # what two cameras found, for a later look to begin from
+    read_from: ReadFrom | None = None  # likewise
 
     @property
     def kind(self) -> str:
@@ -161,18 +171,22 @@ def look_with_two(
     a pose to be judged by.
     """
 
-    def each_alone() -> tuple[NeedleMap, SceneEdges, NeedleMap, ObservedMaps]:
-        needle = read_needles(images, sensor, None, responses[0])
-        other = read_needles(second.images, second.sensor, None, responses[1])
+    read = read_from(images, sensor, second, before)
+    needle, other = at_once(
+        lambda: corrected(read.needles[0], sensor, None, responses[0], None),
+        lambda: corrected(read.needles[1], second.sensor, None, responses[1], None),
+    )
+
+    def each_alone() -> tuple[SceneEdges, ObservedMaps]:
         beside = observe_images(
             second.images, second.sensor, other, np.zeros(other.albedo.shape, np.float32),
             scene_edges(second.images, second.sensor, other),
         )  # fmt: skip
-        return needle, scene_edges(images, sensor, needle), other, beside
+        return scene_edges(images, sensor, needle), beside
 
     found_before = None if before is None else before.stereo
-    stereo, (needle, edges, other, beside) = at_once(
-        lambda: dual_photometric_stereo(images, sensor, second, responses[0], found_before), each_alone
+    stereo, (edges, beside) = at_once(
+        lambda: dual_photometric_stereo(images, sensor, second, responses[0], found_before, needle), each_alone
     )
     depth = np.where(stereo.by_needles, stereo.depth, np.float32(0.0))
     placed = needle._replace(interpretable=np.asarray(needle.interpretable) & (depth > 0))
@@ -187,8 +201,21 @@ def look_with_two(
         found, placed, observed, held_by(found.labels, depth, sensor), STEREO_NOISE, sensor,
         shared=stereo.std, others=(view,), edge_reach=EDGE_REACH, beside=(other,), crease=CREASE, depth=depth,
         soft_depth=stereo.depth, coarse=coarse, edges=edges, R_w2c=R_w2c, lit=lit, dark=dark,
-        stereo=stereo.found,
+        stereo=stereo.found, read_from=read,
     )  # fmt: skip
+
+
+def read_from(
+    images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera, before: Sight | None
+) -> ReadFrom:
+    """Both cameras' needle maps; those of an earlier look at the same images are good still."""
+    known = None if before is None else before.read_from
+    if known is not None and known.images is images and known.second is second:
+        return known
+    needles = at_once(
+        lambda: first_needles(images, sensor, None), lambda: first_needles(second.images, second.sensor, None)
+    )
+    return ReadFrom(images, second, needles)
 
 
 def away_from_steps(depth: Float[np.ndarray, "height width"], sensor: Sensor) -> Float[np.ndarray, "height width"]:

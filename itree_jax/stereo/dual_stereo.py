@@ -19,7 +19,7 @@ from itree_jax.sensing.lit import lit_by_any
 from itree_jax.sensing.material_response import MaterialResponse
 from itree_jax.sensing.needle import NeedleMap
 from itree_jax.sensing.noise_model import intensity_std
-from itree_jax.sensing.reading import read_needles, turned_back
+from itree_jax.sensing.reading import first_needles, turned_back
 from itree_jax.sensor import Sensor
 from itree_jax.stereo.epipolar import lowest_point, match_pieces, smooth_pieces, views_differ
 from itree_jax.stereo.needle_surface import Slopes, needle_slopes, surface
@@ -61,17 +61,19 @@ class StereoDepth:
 
 def dual_photometric_stereo(
     images: Float[np.ndarray, "lights height width"], sensor: Sensor, second: SecondCamera,
-    response: MaterialResponse | None = None, before: Found | None = None,
+    response: MaterialResponse | None = None, before: Found | None = None, needle: NeedleMap | None = None,
 ) -> StereoDepth:
     """Depth from the images of two cameras (linear, 1.0 = full scale), one under each light, about where a light shows
     what is as bright as the parts; 0 elsewhere.
 
     `response`: of the material, as the first camera sees it. `before`: what an earlier look at the same scene found,
-    with other needles or less reflected light: the last step goes on from there. Raises `ItreeError` as `epipolar_pair`
-    does.
+    with other needles or less reflected light: the last step goes on from there. `needle`: the first camera's map as
+    the response reads it, if it is known already; of images that had to be turned another one is made. Raises
+    `ItreeError` as `epipolar_pair` does.
     """
     pair = epipolar_pair(images, sensor, second)
-    needle = turned_back(read_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
+    if needle is None or pair.left_stored is not images:
+        needle = turned_back(first_needles(pair.left_stored, pair.sensor, None), pair.R_left_first, response)
     found = _first_found(pair, needle) if before is None else _found_again(pair, needle, before)
     agrees = (found.coarse > 0.0) & (np.abs(found.coarse - found.surface) < AGREES)
     depth = np.where(found.trusted | agrees, found.surface, 0.0)
