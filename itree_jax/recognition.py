@@ -23,7 +23,7 @@ from itree_jax.challenge import with_selection
 from itree_jax.competition import compete
 from itree_jax.detections import TOO_DARK, Detections, place_of
 from itree_jax.input_check import as_floats, check_numbers, check_picks
-from itree_jax.lit_part import Seen, cut_to, in_whole_image, lit_box
+from itree_jax.lit_part import Seen, in_whole_image, lit_part
 from itree_jax.narrowing import narrow_and_judge
 from itree_jax.prepared import Prepared, PreparedForest, prepare, prepare_forest
 from itree_jax.reading_order import MOSTLY, ask, large_enough, read, read_topmost
@@ -32,7 +32,6 @@ from itree_jax.recognised_response import responses_of_parts
 from itree_jax.refinement.scoring import SCORINGS
 from itree_jax.refinement.select import EXPLAINED
 from itree_jax.root_answer import NO_PART
-from itree_jax.sensing.box import whole_of
 from itree_jax.sensor import Sensor
 from itree_jax.settling import exact, settled
 from itree_jax.sight import Sight, look
@@ -122,10 +121,10 @@ def recognize_one(
     start = time.perf_counter()
     if depth is not None:
         seen = Seen(images, sensor, depth)
-        box = lit_box(seen)
-        if box != whole_of(sensor.camera):
-            found = recognize_seen(forest, *cut_to(seen, box), R_w2c, None, picks, start)
-            return in_whole_image(found, box, seen)
+        part = lit_part(seen)
+        if part is not None:
+            inside, box = part
+            return in_whole_image(recognize_seen(forest, *inside, R_w2c, None, picks, start), box, seen)
     return recognize_seen(forest, images, sensor, depth, R_w2c, second, picks, start)
 
 
@@ -134,7 +133,7 @@ def recognize_seen(
     depth: Float[np.ndarray, "height width"] | None, R_w2c: Float[np.ndarray, "3 3"] | None,
     second: SecondCamera | None, picks: int | None, start: float,
 ) -> Detections:
-    """All that is seen there read, whether or not a light shows it; `start` [s]: since when, for `Detections.time`."""
+    """All of the images read, wherever lights show something; `start` [s]: since when, for `Detections.time`."""
     answers, sight = read_scene(forest, images, sensor, depth, R_w2c, second, picks)
     least = SCORINGS[sight.kind].least_pose
     answers = [answer.selected(answer.selection.from_score(least)) for answer in answers]

@@ -29,26 +29,21 @@ class Box(NamedTuple):
         return camera.cropped(self.left, self.top, self.right - self.left, self.bottom - self.top)
 
 
-def whole_of(camera: Camera) -> Box:
-    """All that a camera sees."""
-    return Box(0, camera.height, 0, camera.width)
-
-
-def box_of(shown: Bool[np.ndarray, "height width"] | None, camera: Camera, around: int, step: int = 1) -> Box:
+def box_of(shown: Bool[np.ndarray, "height width"], around: int, step: int = 1) -> Box:
     """The part of an image that holds all that is shown and what lies `around` it [px], its sides multiples of `step`
-    [px]; all of it where nothing is shown, or that isn't told.
+    [px] or the image's own; all of it where nothing is shown.
     """
-    if shown is None or not shown.any():
-        return whole_of(camera)
 
     def span(there: Int[np.ndarray, "n"], size: int) -> tuple[int, int]:
+        if not len(there):
+            return 0, size
         first, last = max(int(there[0]) - around, 0), min(int(there[-1]) + 1 + around, size)
         length = min(-(-(last - first) // step) * step, size)
         first = min(first, size - length)
         return first, first + length
 
-    return Box(*(span(np.flatnonzero(shown.any(axis=1)), camera.height)),
-               *(span(np.flatnonzero(shown.any(axis=0)), camera.width)))
+    rows, columns = (span(np.flatnonzero(shown.any(axis=1 - k)), size) for k, size in enumerate(shown.shape))
+    return Box(*rows, *columns)
 
 
 def in_image(

@@ -110,8 +110,10 @@ def _told(pair: EpipolarPair, needle: NeedleMap, box: Box) -> _Told:
 
 def _first_found(whole: EpipolarPair, needle: NeedleMap) -> Found:
     """Blocks, then pieces, then windows along the surface that these and the needles make."""
-    box = box_of(lit_by_any(whole.left_stored, whole.sensor, needle), whole.sensor.camera, AROUND, SIZES)
-    rows = whole.within(box._replace(left=0, right=whole.sensor.camera.width))  # a block matcher wants both alike
+    lit = lit_by_any(whole.left_stored, whole.sensor, needle)
+    height, width = whole.left.shape[1:]
+    box = Box(0, height, 0, width) if lit is None else box_of(lit, AROUND, SIZES)
+    rows = whole.within(box._replace(left=0, right=width))  # a block matcher wants both alike
     coarse = block_matching(rows, *searched(rows))[:, box.left : box.right]
     pair = whole.within(box)
     camera, told = pair.sensor.camera, _told(pair, needle, box)

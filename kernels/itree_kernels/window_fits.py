@@ -138,7 +138,7 @@ def moved_on(moments: wp.vec3d, entering: wp.float64, leaving: wp.float64, radiu
 
 
 @wp.func
-def is_known(known: wp.array2d(dtype=wp.bool), i: int, j: int) -> bool:
+def is_known(known: wp.array2d(dtype=wp.bool), i: int, j: int) -> wp.bool:
     """No pixel beyond the map is."""
     found = wp.bool(False)
     if i >= 0 and i < known.shape[0] and j >= 0 and j < known.shape[1]:
