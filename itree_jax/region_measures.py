@@ -17,7 +17,7 @@ from itree_jax.sensor import Sensor
 from itree_jax.tree.appearances import WINDOW_SIZE
 from itree_jax.tree.sights import sensor_needle_deviation, window_edges
 
-REGION_BATCH = 8  # regions that a compiled function is given at a time
+REGION_BATCH = 4  # regions that a compiled function is given at a time
 
 
 class Measured(NamedTuple):
