@@ -66,14 +66,6 @@ def multiple_above(count: int, step: int) -> int:
     return step * max(1, -(-count // step))
 
 
-def few_sizes_above(count: int, step: int) -> int:
-    """The least of 4, 5, 6, 7 times a power of two `step`s that is no smaller: at most a quarter more, and few of them.
-    """
-    steps = max(4, -(-count // step))
-    double = 1 << (steps.bit_length() - 3)
-    return step * double * -(-steps // double)
-
-
 def power_of_two_above(count: int) -> int:
     """The least power of two that is no smaller."""
     return 1 << max(count - 1, 0).bit_length()

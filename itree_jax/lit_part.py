@@ -10,7 +10,7 @@ from itree_jax.detections import Detections
 from itree_jax.sensing.box import Box, box_of, in_image
 from itree_jax.sensing.connected import NO_REGION
 from itree_jax.sensing.lit import lit_by_any
-from itree_jax.sensing.photometric import needle_map_on_host
+from itree_jax.sensing.needles_by_chunks import needle_map_on_host
 from itree_jax.sensor import Sensor
 
 GLANCE = 4  # every so manyth pixel is looked at first

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from itree_jax.batches import power_of_two_above
 from itree_jax.kept_functions import kept
 from itree_jax.sensing.needle import Array, NeedleMap
 from itree_jax.sensing.pixel_row import as_row
@@ -32,8 +33,16 @@ def dominant_albedo(needle: NeedleMap) -> Float[Array, "*batch"]:
     """
     albedo, interpretable = needle.albedo, needle.interpretable
     if isinstance(albedo, np.ndarray) and isinstance(interpretable, np.ndarray):
-        albedo, interpretable = as_row(albedo), as_row(interpretable)
+        return dominant_of_maps(albedo, interpretable)
     return mode_of_albedo(albedo, interpretable)
+
+
+def dominant_of_maps(
+    albedo: Float[np.ndarray, "*batch height width"], interpretable: Bool[np.ndarray, "*batch height width"]
+) -> Float[Array, "*batch"]:
+    """The same of NumPy arrays; for images of all sizes few are compiled."""
+    pixels = power_of_two_above(albedo.shape[-2] * albedo.shape[-1])
+    return mode_of_albedo(as_row(albedo, pixels), as_row(interpretable, pixels))
 
 
 @kept()
@@ -44,6 +53,17 @@ def mode_of_albedo(
     batch, pixels = albedo.shape[:-2], albedo.shape[-2] * albedo.shape[-1]
     modes = jax.vmap(_mode)(albedo.reshape(-1, pixels), interpretable.reshape(-1, pixels))
     return modes.reshape(batch)
+
+
+@kept()
+def confidence_of_pixels(
+    albedo: Float[Array, "height width"],
+    albedo_std: Float[Array, "height width"],
+    interpretable: Bool[Array, "height width"],
+    dominant: Float[Array, ""],
+) -> Float[Array, "height width"]:
+    """`NeedleMap.confidence`."""
+    return jnp.where(interpretable, albedo_confidence(albedo, albedo_std, dominant), 0.0)
 
 
 def albedo_confidence(

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from itree_kernels.errors import ItreeError
 from jaxtyping import Bool, Float
 
@@ -21,7 +20,6 @@ from itree_jax.sensing.least_squares import LightPlanes, Symmetric, light_sum, n
 from itree_jax.sensing.near_lights import lights_of
 from itree_jax.sensing.needle import Array, NeedleMap
 from itree_jax.sensing.noise_model import intensity_std, saturation_level
-from itree_jax.sensing.pixel_row import as_map, as_row
 from itree_jax.sensing.reaching import (
     DEFAULT_SLANT_LIMIT,
     LIGHTS_NEEDED,
@@ -77,18 +75,6 @@ def needle_map(
     return photometric_stereo(images, *lights, sensor.noise, sensor.slant_limit, albedo_tolerance)
 
 
-def needle_map_on_host(
-    images: Float[np.ndarray, "lights height width"], sensor: Sensor, depth: Float[np.ndarray, "height width"] | None
-) -> NeedleMap:
-    """The same of one image, as NumPy arrays; under distant lights few sizes of images are compiled for."""
-    if sensor.light_positions is not None:
-        return NeedleMap(*(np.asarray(a) for a in needle_map(images, sensor, depth)))
-    height, width = images.shape[-2:]
-    found = jax.device_get(needle_map(as_row(images), sensor))
-    normals = found.normals[0, : height * width].reshape(height, width, 3)
-    return NeedleMap(normals, *(as_map(a, height, width) for a in found[1:]))
-
-
 @kept("noise")
 def photometric_stereo(
     images: Float[Array, "*batch lights height width"],
@@ -114,10 +100,7 @@ def photometric_stereo(
     dominant albedo held fixed; zero where there is no normal. Raises `ItreeError` on shapes that do not fit.
     """
     shown = _shown(images, light_directions, light_intensities, noise)
-    mean_direction = shown.L.mean(tuple(range(2, shown.L.ndim)))
-    mean_direction /= jnp.linalg.norm(mean_direction, axis=-1, keepdims=True)
-    ratio = shadow_ratio(mean_direction, jnp.asarray(slant_limit, shown.x.dtype))
-    read = by_blocks(partial(_read, ratio=ratio), shown)
+    read = by_blocks(partial(_read, ratio=_shadow_ratio(shown.L, slant_limit)), shown)
     dominant = jax.lax.stop_gradient(mode_of_albedo(read.albedo, read.interpretable))
     result = _needles(read, shown.saturated, dominant)
     if albedo_tolerance is None:
@@ -125,6 +108,22 @@ def photometric_stereo(
     typical = dominant[..., None, None]
     strict = read.interpretable & (jnp.abs(read.albedo - typical) < jnp.asarray(albedo_tolerance) * typical)
     return result._replace(interpretable=strict, confidence=jnp.where(strict, result.confidence, 0.0))
+
+
+@kept("noise")
+def read_pixels(
+    images: Float[Array, "lights height width"],
+    light_directions: Float[Array, "lights 3"],
+    light_intensities: Float[Array, "lights"],
+    noise: Noise,
+    slant_limit: float | Float[Array, ""],
+) -> tuple[NeedleMap, Float[Array, "height width"]]:
+    """`photometric_stereo` of pixels whose dominant albedo others have a part in: the needle map, its confidence left
+    open (0), and the albedo's standard deviation.
+    """
+    shown = _shown(images, light_directions, light_intensities, noise)
+    read = by_blocks(partial(_read, ratio=_shadow_ratio(shown.L, slant_limit)), shown)
+    return _needles(read, shown.saturated, jnp.zeros(())), read.albedo_std
 
 
 @kept("noise")
@@ -171,6 +170,13 @@ def by_blocks(read: Callable[[Shown], Read], shown: Shown) -> Read:
         return whole.reshape(*whole.shape[:-2], -1)[..., :pixels].reshape(*whole.shape[:-2], *shape)
 
     return Read(*(joined(a) for a in found))
+
+
+def _shadow_ratio(L: LightPlanes, slant_limit: float | Float[Array, ""]) -> Float[Array, ""]:
+    """`shadow_ratio` of lights that may differ from pixel to pixel."""
+    mean_direction = L.mean(tuple(range(2, L.ndim)))
+    mean_direction /= jnp.linalg.norm(mean_direction, axis=-1, keepdims=True)
+    return shadow_ratio(mean_direction, jnp.asarray(slant_limit, L.dtype))
 
 
 def _read(shown: Shown, ratio: Float[Array, ""]) -> Read:

@@ -3,15 +3,11 @@
 import numpy as np
 from jaxtyping import Shaped
 
-from itree_jax.batches import few_sizes_above
 
-STEP = 4096  # pixels: lengths are four to seven times a power of two of these
-
-
-def as_row(maps: Shaped[np.ndarray, "*maps height width"]) -> Shaped[np.ndarray, "*maps 1 pixels"]:
-    """Row after row, filled up with zeros."""
+def as_row(maps: Shaped[np.ndarray, "*maps height width"], pixels: int) -> Shaped[np.ndarray, "*maps 1 pixels"]:
+    """Row after row, filled up with zeros to so many `pixels`."""
     *before, height, width = maps.shape
-    row = np.zeros((*before, 1, few_sizes_above(height * width, STEP)), maps.dtype)
+    row = np.zeros((*before, 1, pixels), maps.dtype)
     row[..., 0, : height * width] = maps.reshape(*before, height * width)
     return row
 

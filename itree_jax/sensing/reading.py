@@ -9,7 +9,7 @@ from itree_jax.sensing.depth_needles import DepthNeedles, depth_needles
 from itree_jax.sensing.depth_steps import depth_noise
 from itree_jax.sensing.material_response import MaterialResponse, apply_response, fit_response
 from itree_jax.sensing.needle import NeedleMap
-from itree_jax.sensing.photometric import needle_map_on_host
+from itree_jax.sensing.needles_by_chunks import needle_map_on_host
 from itree_jax.sensor import Sensor
 
 
