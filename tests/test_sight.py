@@ -12,9 +12,11 @@ from itree_kernels.instances import Material
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
+from itree_jax import sight as sight_module
 from itree_jax.recognised_response import LEAST_PARTS, responses_of_parts, shown_normals
 from itree_jax.sensing.edges import EdgeLabel, scene_edges
 from itree_jax.sensing.near_lights import lights_of
+from itree_jax.sensing.reading import first_needles
 from itree_jax.sight import CREASE, EDGE_REACH, Sight, away_from_steps, look
 from itree_jax.stereo.dual_stereo import WINDOW
 
@@ -169,3 +171,20 @@ def test_too_few_parts_or_a_lambertian_material_tell_none(matte, by_two):
     assert responses_of_parts(answers_of(2, score=0.2), by_two) is None
     assert responses_of_parts([], by_two) is None
     assert responses_of_parts(answers_of(2), replace(by_two, others=(), beside=())) is None
+
+
+def test_images_that_were_read_already_are_not_read_again(matte, by_two, monkeypatch):
+    """A later look at the same images takes their needle maps from the one before, and reads others."""
+    read = []
+
+    def counted(images, *rest):
+        read.append(images)
+        return first_needles(images, *rest)
+
+    monkeypatch.setattr(sight_module, "first_needles", counted)
+    again = look(matte.images, matte.sensor, None, second=matte.second, before=by_two)
+    assert not read
+    np.testing.assert_array_equal(again.needle.normals, by_two.needle.normals)
+    darker = replace(matte.second, images=0.9 * matte.second.images)
+    look(0.9 * matte.images, matte.sensor, None, second=darker, before=by_two)
+    assert len(read) == 2

@@ -26,7 +26,7 @@ from itree_jax.refinement.optimise import (
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, are_few, total_equations
 from itree_jax.sensing.needle import Array
 
-STEP = 256  # [px]: maps are filled up to multiples of it, so that images of all sizes are compiled for few
+STEP = 512  # [px]: maps are filled up to multiples of it, so that images of all sizes are compiled for few
 BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
 
 
@@ -85,7 +85,8 @@ def filled_up(observed: ObservedMaps) -> ObservedMaps:
     def with_nothing(values: Array) -> np.ndarray:
         return np.pad(np.asarray(values), [(0, below), (0, beside), *[(0, 0)] * (values.ndim - 2)])
 
-    label = np.pad(np.asarray(observed.edge_label), [(0, 2 * below), (0, 2 * beside)], mode="edge")
+    nowhere = len(observed.edge_uv) - 1  # the table is filled up with edges far away
+    label = np.pad(np.asarray(observed.edge_label), [(0, 2 * below), (0, 2 * beside)], constant_values=nowhere)
     depth, normals, weight = map(with_nothing, (observed.depth, observed.normals, observed.needle_weight))
     return observed._replace(
         depth=on_device(depth), normals=on_device(normals), needle_weight=on_device(weight),

@@ -30,7 +30,10 @@ def test_compiled_functions_are_kept_in_the_users_cache(tmp_path):
 
 
 def test_a_cache_that_the_user_chose_is_kept(tmp_path):
-    assert lines(JAX_COMPILATION_CACHE_DIR=str(tmp_path / "mine"))[0] == str(tmp_path / "mine")
+    mine = str(tmp_path / "mine")
+    assert lines(JAX_COMPILATION_CACHE_DIR=mine) == [mine, "False", "True"]
+    chosen = lines(JAX_COMPILATION_CACHE_DIR=mine, JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS="3.0")
+    assert chosen == [mine, "False", "False"]
 
 
 def test_a_home_that_cannot_be_written_to_is_no_error(tmp_path):

@@ -8,7 +8,7 @@ from itree_cad.bundled import bundled_part
 from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
-from itree_jax.refinement import optimise
+from itree_jax.refinement import optimise, pose_information
 from itree_jax.refinement.observed import NO_PART
 from itree_jax.refinement.optimise import (
     Hypotheses,
@@ -18,7 +18,7 @@ from itree_jax.refinement.optimise import (
     window_origins,
     window_stride,
 )
-from itree_jax.refinement.pose_information import equations_at
+from itree_jax.refinement.pose_information import STEP, equations_at, filled_up
 from itree_jax.refinement.residuals import NormalEquations
 from itree_jax.refinement.uncertainty import RimMotions, rim_uncertainty
 from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
@@ -137,6 +137,23 @@ def test_hypotheses_are_independent(bracket):
         np.testing.assert_array_equal(found.t_cam_obj[0], together.t_cam_obj[k])
         scale = np.abs(equations.hessian[k]).max()
         np.testing.assert_allclose(one.hessian[0], equations.hessian[k], rtol=1e-3, atol=1e-4 * scale)
+
+
+def test_equations_are_compiled_for_few_sizes_of_images(bracket, monkeypatch):
+    """What lies around an image is nothing: filled up with it, poses at its border have the same equations."""
+    R = ATTITUDES[0]
+    t = centred(bracket, R) + np.array([0.0, 25.0, 0.0])  # hangs out of the image
+    maps = seen(bracket, R, t, [floor_below(bracket, t)]).maps
+    start = perturbed(R, t, 3, 3.0, 1.5, seed=2)
+    stage = Stage(1, 48, (12.0, 12.0), (1.0, 1.0), (15.0, 15.0))
+    padded = filled_up(maps)
+    assert padded.depth.shape == (STEP, STEP)
+    assert padded.edge_label.shape == (2 * STEP, 2 * STEP)
+    found = equations_at(start, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
+    monkeypatch.setattr(pose_information, "filled_up", lambda observed: observed)
+    as_it_is = equations_at(start, bracket, maps, PINHOLE, DEVIATIONS, stage, JUMP)
+    for one, other in zip(found, as_it_is, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max())
 
 
 @pytest.mark.parametrize("grazing", [1.0, 0.1])

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from itree_kernels.camera import Camera
+from itree_kernels.window_fits import window_sums
 
 from itree_jax.sensing.depth_needles import RADIUS, depth_needles
 
@@ -144,6 +146,25 @@ def test_holes_are_bridged_within_a_surface_and_get_no_needle(angle_between):
     assert np.degrees(np.median(angle_between(found.normals[found.known], normal))) < 2.5
     nothing = depth_needles(np.zeros_like(z), PINHOLE, 0.3)
     assert not nothing.known.any()
+
+
+@pytest.mark.parametrize("radius", [1, 4])
+def test_sums_that_go_from_window_to_window_are_those_of_each_alone(radius):
+    """Over more rows than are walked down at once, with unknown pixels, and at the rim."""
+    rng = np.random.default_rng(radius)
+    value, known = rng.normal(size=(75, 41)), rng.random((75, 41)) < 0.9
+    on_device = wp.array(value, dtype=wp.float64, device="cpu"), wp.array(known, dtype=wp.bool, device="cpu")
+    sums = window_sums(*on_device, radius).numpy()
+    assert sums.shape == (75, 41, 8)
+    for i, j in ((0, 0), (10, 40), (31, 20), (32, 20), (33, 20), (74, 0), (50, 3)):
+        v, u = (a.ravel() for a in np.mgrid[-radius : radius + 1, -radius : radius + 1])
+        inside = (i + v >= 0) & (i + v < 75) & (j + u >= 0) & (j + u < 41)
+        v, u = v[inside], u[inside]
+        there = known[i + v, j + u]
+        v, u, f = v[there], u[there], value[i + v, j + u][there]
+        alone = [f.sum(), (f * u).sum(), (f * v).sum(), (f * u * v).sum(), (f * u**2).sum(), (f * v**2).sum(),
+                 (f**2).sum(), len(f)]
+        np.testing.assert_allclose(sums[i, j], alone, atol=1e-10)
 
 
 def test_the_fits_of_a_window_are_least_squares():

@@ -9,24 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from itree_cad.bundled import bundled_part
 from itree_kernels.instances import Material
 from itree_kernels.mesh import ray_mesh
 from scipy.spatial.transform import Rotation
 
 from itree_jax.backtracking import MOST_TOLD, soft_steps, unread
-from itree_jax.sensing.box import Box, box_of
+from itree_jax.sensing.box import Box
 from itree_jax.sensing.reading import read_needles
 from itree_jax.sight import look
 from itree_jax.stereo import dual_stereo
 from itree_jax.stereo.dual_stereo import (
     AGREES,
-    AROUND,
     DULLEST_STD,
     SHARPEST_STD,
-    SIZES,
     WINDOW,
     block_matching,
     dual_photometric_stereo,
@@ -146,24 +142,6 @@ def test_a_part_of_the_images_is_the_same_geometry(small_bin):
     ray, at = some.sensor.camera.viewing_ray(np.array([3.0, 5.0])), np.array([43.0, 29.0])
     np.testing.assert_allclose(ray, pair.sensor.camera.viewing_ray(at))
     assert (some.sensor.camera.width, some.sensor.camera.height) == (128, 96)
-
-
-@given(st.lists(st.tuples(st.integers(0, CAMERA.height - 1), st.integers(0, CAMERA.width - 1)), max_size=4))
-def test_what_is_looked_at_holds_all_that_is_shown_and_has_one_of_few_sizes(points):
-    shown = np.zeros((CAMERA.height, CAMERA.width), bool)
-    shown[tuple(np.array(points, int).reshape(-1, 2).T)] = True
-    box = box_of(shown, AROUND, SIZES)
-    assert 0 <= box.top < box.bottom <= CAMERA.height
-    assert 0 <= box.left < box.right <= CAMERA.width
-    for v, u in points:
-        assert box.top <= max(v - AROUND, 0)
-        assert box.bottom >= min(v + 1 + AROUND, CAMERA.height)
-        assert box.left <= max(u - AROUND, 0)
-        assert box.right >= min(u + 1 + AROUND, CAMERA.width)
-    for size, most in ((box.bottom - box.top, CAMERA.height), (box.right - box.left, CAMERA.width)):
-        assert size % SIZES == 0 or size == most
-    if not points:
-        assert box == Box(0, CAMERA.height, 0, CAMERA.width)
 
 
 def test_nothing_is_known_far_from_what_a_light_shows(small_bin):
