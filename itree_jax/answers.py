@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from itree_jax.batches import on_all_cores
 from itree_jax.decision_path import decision_path, verification_step
 from itree_jax.detections import Alternative, Detection
 from itree_jax.features.region import RegionFeatures
@@ -64,10 +65,11 @@ class Interpretation:
 def describe(answers: Sequence[Interpretation], root: Root, sight: Sight) -> tuple[Detection, ...]:
     """Accepted hypotheses of all trees as detections, the highest region offered first."""
     refinement = SCORINGS[sight.kind].refinement
+    measured = on_all_cores(lambda answer: measured_by(answer, sight), answers)
     detections = [
         describe_one(answer, int(h), root, information, spread, refinement)
-        for answer in answers
-        for h, information, spread in zip(answer.selection.accepted, *measured_by(answer, sight), strict=True)
+        for answer, of_poses in zip(answers, measured, strict=True)
+        for h, information, spread in zip(answer.selection.accepted, *of_poses, strict=True)
     ]
     order = sorted(range(len(detections)), key=lambda k: (-detections[k].height, -detections[k].score))
     rank = {k: position for position, k in enumerate(order)}
@@ -83,7 +85,7 @@ def measured_by(
         return np.zeros((0, 6, 6)), np.zeros((0, 6, 6))
     plan = sight.plan(tree.part.diameter, tree.spacing)
     equations = equations_at(
-        answer.hypotheses.take(accepted).poses, answer.prepared.model, sight.observed, sight.sensor.camera,
+        answer.hypotheses.take(accepted).poses, answer.prepared.model, sight.measured_against, sight.sensor.camera,
         plan.deviations, plan.rounds[-1].stage, plan.jump, sight.others, sight.crease,
     )
     return np.asarray(equations.information), np.asarray(equations.spread)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from itree_jax.batches import at_once
 from itree_jax.kept_functions import on_device
-from itree_jax.refinement.observed import NO_PART, ObservedMaps, observe, observe_with_edges, seen_by
+from itree_jax.refinement.observed import NO_PART, ObservedMaps, filled_up, observe, observe_with_edges, seen_by
 from itree_jax.refinement.optimise import OtherView
 from itree_jax.refinement.schedule import NEEDLE_BIAS, NEEDLE_PIXEL, Schedule, depth_jump, schedule
 from itree_jax.sensing.albedo import dominant_albedo
@@ -83,6 +83,11 @@ class Sight:
     def roughly_held_against(self) -> SeenBy:
         """The same of rough poses."""
         return self.held_against if self.coarse is None else seen_by(self.coarse, self.sensor.camera)
+
+    @cached_property
+    def measured_against(self) -> ObservedMaps:
+        """What the covariance of poses is measured by."""
+        return filled_up(self.observed)
 
     def of(
         self, found: Regions, needle: NeedleMap, depth: Float[np.ndarray, "height width"] | None,

@@ -9,12 +9,14 @@ from itree_kernels.scene_maps import SeenBy, scene_maps
 from itree_kernels.warp_start import warp_device
 from jaxtyping import Float, Int
 
+from itree_jax.batches import multiple_above
 from itree_jax.kept_functions import on_device
 from itree_jax.sensing.edges import EdgeLabel, SceneEdges
 from itree_jax.sensing.needle import Array
 
 NO_PART = -1.0
 EDGE_TABLE = 8192  # edge points are padded to a multiple of this, so that few shapes are compiled
+STEP = 512  # [px]: maps are filled up to multiples of it, so that images of all sizes are compiled for few
 EDGE_DEPTH_REACH = 3  # [px]: an edge's own pixels mix two surfaces, and needles end there
 EDGE_NORMAL_SMOOTHING = 2.0  # [px] a contour's direction is averaged over so much (pixel steps are 90 degrees)
 
@@ -63,6 +65,25 @@ def seen_by(
     R = np.eye(3) if R_camera_first is None else np.asarray(R_camera_first, float)
     t = np.zeros(3) if t_camera_first is None else np.asarray(t_camera_first, float)
     return SeenBy(scene_maps(*arrays, device=warp_device()), camera, R, t)
+
+
+def filled_up(observed: ObservedMaps) -> ObservedMaps:
+    """The maps with nothing below them and to their right; without shading, which is not asked for."""
+    height, width = observed.depth.shape
+    below, beside = multiple_above(height, STEP) - height, multiple_above(width, STEP) - width
+    if not (below or beside or observed.shading.size):
+        return observed
+
+    def with_nothing(values: Array) -> np.ndarray:
+        return np.pad(np.asarray(values), [(0, below), (0, beside), *[(0, 0)] * (values.ndim - 2)])
+
+    nowhere = len(observed.edge_uv) - 1  # the table is filled up with edges far away
+    label = np.pad(np.asarray(observed.edge_label), [(0, 2 * below), (0, 2 * beside)], constant_values=nowhere)
+    depth, normals, weight = map(with_nothing, (observed.depth, observed.normals, observed.needle_weight))
+    return observed._replace(
+        depth=on_device(depth), normals=on_device(normals), needle_weight=on_device(weight),
+        edge_label=on_device(label), shading=on_device(np.zeros((0, 0, 0), np.float32)),
+    )  # fmt: skip
 
 
 def occluding_edges(

@@ -11,10 +11,10 @@ from itree_kernels.camera import Camera
 from itree_kernels.correspond import Correspondences, correspondences
 from jaxtyping import Float, Int
 
-from itree_jax.batches import multiple_above, on_all_cores
-from itree_jax.kept_functions import kept, on_device
+from itree_jax.batches import on_all_cores
+from itree_jax.kept_functions import kept
 from itree_jax.refinement.information import SmoothSurface
-from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays
+from itree_jax.refinement.observed import CameraArrays, ObservedMaps, camera_arrays, filled_up
 from itree_jax.refinement.optimise import (
     Hypotheses,
     OtherView,
@@ -26,7 +26,6 @@ from itree_jax.refinement.optimise import (
 from itree_jax.refinement.residuals import Deviations, NormalEquations, Predicted, are_few, total_equations
 from itree_jax.sensing.needle import Array
 
-STEP = 512  # [px]: maps are filled up to multiples of it, so that images of all sizes are compiled for few
 BATCH = 1  # poses that the compiled function takes at once: of more, what is computed between falls out of the cache
 
 
@@ -75,23 +74,6 @@ def _seen_by(
 
     batches = [equations_from(0), *on_all_cores(equations_from, range(BATCH, len(t), BATCH))]  # compiled but once
     return jax.tree.map(lambda *parts: np.concatenate(parts), *batches)
-
-
-def filled_up(observed: ObservedMaps) -> ObservedMaps:
-    """The maps with nothing below them and to their right; without shading, which is not asked for."""
-    height, width = observed.depth.shape
-    below, beside = multiple_above(height, STEP) - height, multiple_above(width, STEP) - width
-
-    def with_nothing(values: Array) -> np.ndarray:
-        return np.pad(np.asarray(values), [(0, below), (0, beside), *[(0, 0)] * (values.ndim - 2)])
-
-    nowhere = len(observed.edge_uv) - 1  # the table is filled up with edges far away
-    label = np.pad(np.asarray(observed.edge_label), [(0, 2 * below), (0, 2 * beside)], constant_values=nowhere)
-    depth, normals, weight = map(with_nothing, (observed.depth, observed.normals, observed.needle_weight))
-    return observed._replace(
-        depth=on_device(depth), normals=on_device(normals), needle_weight=on_device(weight),
-        edge_label=on_device(label), shading=on_device(np.zeros((0, 0, 0), np.float32)),
-    )  # fmt: skip
 
 
 @kept("size", "few")

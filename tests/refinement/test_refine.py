@@ -9,7 +9,7 @@ from itree_kernels.camera import Camera
 from scipy.spatial.transform import Rotation
 
 from itree_jax.refinement import optimise, pose_information
-from itree_jax.refinement.observed import NO_PART
+from itree_jax.refinement.observed import NO_PART, STEP, filled_up
 from itree_jax.refinement.optimise import (
     Hypotheses,
     OtherView,
@@ -18,7 +18,7 @@ from itree_jax.refinement.optimise import (
     window_origins,
     window_stride,
 )
-from itree_jax.refinement.pose_information import STEP, equations_at, filled_up
+from itree_jax.refinement.pose_information import equations_at
 from itree_jax.refinement.residuals import NormalEquations
 from itree_jax.refinement.uncertainty import RimMotions, rim_uncertainty
 from itree_jax.refinement.uncertainty import twist_deviation as deviation_of
