@@ -36,7 +36,7 @@ from itree_jax.stereo.second_camera import SecondCamera
 from itree_jax.tree.tree_file import load_tree
 
 STAGES: dict[str, tuple[tuple[Any, str], ...]] = {
-    "needles, regions, edges": ((recognition, "look"),),
+    "needles, regions, edges": ((recognition, "lit_part"), (recognition, "look")),
     "reflected light": ((recognition, "subtract_reflections"),),
     "features of regions": ((reading_order, "measure_regions"),),
     "tree": ((reading_order, "ask_root"), (interpreting, "in_batches")),
