@@ -67,7 +67,7 @@ def main(config: Config) -> int:
     scenes = bins(tree, config)
     rows = measured(prepare_forest([tree]), scenes, config)
     machine = {"processor": platform.machine(), "cores": os.cpu_count()}
-    given = {k: str(v) for k, v in asdict(config).items()}
+    given = {k: str(v) for k, v in asdict(config).items() if k not in ("out", "tree")}  # no paths of a machine
     said = {"machine": machine, "config": given, "rows": [asdict(row) for row in rows]}
     (config.out / "batches.json").write_text(json.dumps(said, indent=1) + "\n")
     print(as_table(rows))

@@ -99,8 +99,7 @@ def photometric_stereo(
     Differentiable with respect to images, light directions and intensities, the choice of lights at each pixel and the
     dominant albedo held fixed; zero where there is no normal. Raises `ItreeError` on shapes that do not fit.
     """
-    shown = _shown(images, light_directions, light_intensities, noise)
-    read = by_blocks(partial(_read, ratio=_shadow_ratio(shown.L, slant_limit)), shown)
+    shown, read = _shown_and_read(images, light_directions, light_intensities, noise, slant_limit)
     dominant = jax.lax.stop_gradient(mode_of_albedo(read.albedo, read.interpretable))
     result = _needles(read, shown.saturated, dominant)
     if albedo_tolerance is None:
@@ -121,8 +120,7 @@ def read_pixels(
     """`photometric_stereo` of pixels whose dominant albedo others have a part in: the needle map, its confidence left
     open (0), and the albedo's standard deviation.
     """
-    shown = _shown(images, light_directions, light_intensities, noise)
-    read = by_blocks(partial(_read, ratio=_shadow_ratio(shown.L, slant_limit)), shown)
+    shown, read = _shown_and_read(images, light_directions, light_intensities, noise, slant_limit)
     return _needles(read, shown.saturated, jnp.zeros(())), read.albedo_std
 
 
@@ -172,11 +170,15 @@ def by_blocks(read: Callable[[Shown], Read], shown: Shown) -> Read:
     return Read(*(joined(a) for a in found))
 
 
-def _shadow_ratio(L: LightPlanes, slant_limit: float | Float[Array, ""]) -> Float[Array, ""]:
-    """`shadow_ratio` of lights that may differ from pixel to pixel."""
-    mean_direction = L.mean(tuple(range(2, L.ndim)))
+def _shown_and_read(
+    images: Array, light_directions: Array, light_intensities: Array, noise: Noise,
+    slant_limit: float | Float[Array, ""],
+) -> tuple[Shown, Read]:
+    shown = _shown(images, light_directions, light_intensities, noise)
+    mean_direction = shown.L.mean(tuple(range(2, shown.L.ndim)))
     mean_direction /= jnp.linalg.norm(mean_direction, axis=-1, keepdims=True)
-    return shadow_ratio(mean_direction, jnp.asarray(slant_limit, L.dtype))
+    ratio = shadow_ratio(mean_direction, jnp.asarray(slant_limit, shown.x.dtype))
+    return shown, by_blocks(partial(_read, ratio=ratio), shown)
 
 
 def _read(shown: Shown, ratio: Float[Array, ""]) -> Read:
